@@ -1,0 +1,2 @@
+//! The `sonoloop` program.
+fn main() {}

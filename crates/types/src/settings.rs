@@ -1,0 +1,155 @@
+use serde::{Deserialize, Serialize};
+
+/// A named set of tracker settings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Profile {
+    /// What the paper says, for comparison.
+    Paper,
+    /// Narrow weights, brightness test, strict recovery; the default.
+    Robust,
+}
+
+/// What the optimiser minimises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Similarity {
+    /// Sum of squared differences, paper (2).
+    Ssd,
+    /// Sum of conditional variances, paper (11).
+    Scv,
+}
+
+/// Which Jacobian the optimiser uses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Optimisation {
+    /// Gauss–Newton on the image's gradient, paper (6).
+    FirstOrder,
+    /// Mean of image and template gradient, paper (8).
+    SecondOrder,
+}
+
+/// How the template follows the target's appearance, paper section III.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UpdateStrategy {
+    /// Strategy 1: the first template for ever.
+    None,
+    /// Strategy 2: the last image's patch.
+    Naive,
+    /// Strategy 3 with the acceptance test of Matthews, Ishikawa and Baker (2004).
+    DriftCorrected,
+}
+
+/// Every setting of the tracker.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TrackerSettings {
+    /// The profile the other values came from.
+    pub profile: Profile,
+    /// What is minimised.
+    pub similarity: Similarity,
+    /// Which Jacobian.
+    pub optimisation: Optimisation,
+    /// Template update.
+    pub update: UpdateStrategy,
+    /// Side S of the square template, 8–128 px.
+    pub template_px: u32,
+    /// Grey-level bins of the SCV (16 for 20×20, 32 for 61×61).
+    pub scv_bins: u32,
+    /// Gaussian blur of image and template before anything else, σ; 0 = none.
+    pub blur_sigma_px: f64,
+    /// Gaussian weight about the tip in sums and NCCs, σ; 0 = uniform.
+    pub weight_sigma_px: f64,
+    /// Share of the last velocity kept in the constant-velocity guess (v ← m·v + (1−m)·d); 1 = no guess.
+    pub velocity_memory: f64,
+    /// Largest corner distance between the two registrations that accepts the update, ε_d.
+    pub drift_tolerance_px: f64,
+    /// Most iterations per registration.
+    pub max_iterations: u32,
+    /// The iteration ends when the largest corner motion falls below this.
+    pub epsilon_px: f64,
+    /// LOST when NCC with T_n falls below.
+    pub loss_ncc_previous: f64,
+    /// LOST when NCC with T_1 falls below.
+    pub loss_ncc_anchor: f64,
+    /// LOST when the brightness ratio rises above; `None` = no test.
+    pub loss_brightness_ratio: Option<f64>,
+    /// A recovery candidate needs this NCC with T_1.
+    pub recovery_ncc: f64,
+    /// Images in a row that confirm a candidate.
+    pub confirmation_images: u32,
+    /// Images lost after which the whole picture is searched.
+    pub whole_image_after: u32,
+}
+
+impl TrackerSettings {
+    /// The settings of a profile for templates of side `template_px`.
+    pub fn profile(profile: Profile, template_px: u32) -> Self {
+        let robust = Self {
+            profile,
+            similarity: Similarity::Scv,
+            optimisation: Optimisation::SecondOrder,
+            update: UpdateStrategy::DriftCorrected,
+            template_px,
+            scv_bins: if template_px < 40 { 16 } else { 32 },
+            blur_sigma_px: 1.5,
+            weight_sigma_px: 3.0,
+            velocity_memory: 0.7,
+            drift_tolerance_px: 3.0,
+            max_iterations: 50,
+            epsilon_px: 0.01,
+            loss_ncc_previous: 0.80,
+            loss_ncc_anchor: 0.70,
+            loss_brightness_ratio: Some(0.80),
+            recovery_ncc: 0.85,
+            confirmation_images: 3,
+            whole_image_after: 10,
+        };
+        match profile {
+            Profile::Robust => robust,
+            Profile::Paper => Self {
+                blur_sigma_px: 0.0,
+                weight_sigma_px: 0.0,
+                velocity_memory: 1.0,
+                loss_ncc_anchor: -1.0,
+                loss_brightness_ratio: None,
+                recovery_ncc: 0.75,
+                confirmation_images: 1,
+                whole_image_after: 0,
+                ..robust
+            },
+        }
+    }
+}
+
+/// Every setting of the servo.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ServoSettings {
+    /// Feed while the tip is tracked.
+    pub feed_m_s: f64,
+    /// Distance before the target over which the feed is slowed down.
+    pub approach_m: f64,
+    /// Lateral: the tip may wander this far from the picture's middle before the probe slides.
+    pub lateral_deadband_m: f64,
+    /// Fastest slide of the probe while following.
+    pub slide_speed_m_s: f64,
+    /// Gain of the elevational hold (share of the estimated offset corrected per second); 0 = off.
+    pub elevation_gain_per_s: f64,
+    /// Amplitude of the elevational dither while tracking; 0 = off.
+    pub dither_m: f64,
+    /// Period of that dither.
+    pub dither_period_s: f64,
+    /// Speed of the elevational sweep after a loss.
+    pub sweep_speed_m_s: f64,
+    /// Farthest the sweep goes to either side; it widens in thirds.
+    pub sweep_reach_m: f64,
+    /// Yaw about the last tip searched when the elevational sweep found nothing, to either side.
+    pub yaw_reach_rad: f64,
+    /// Speed of that yaw.
+    pub yaw_speed_rad_s: f64,
+    /// Most distance the probe travels in one search.
+    pub max_search_travel_m: f64,
+    /// Most time one search takes.
+    pub max_search_s: f64,
+}

@@ -1,0 +1,18 @@
+use crate::{NeedlePath, Pose};
+
+/// All that an image depends on at one instant: what the world hands to the renderer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Slice {
+    /// Number of the image, from 0; picks the electronic noise.
+    pub sequence: u64,
+    /// Where the probe is, seen from the phantom.
+    pub phantom_from_probe: Pose,
+    /// The needle, when one is in the phantom.
+    pub needle: Option<NeedlePath>,
+    /// Change of the needle's echo (1 = as specified); a disturbance.
+    pub needle_gain_db: f64,
+    /// Air or missing gel between each element and the surface; 0 = in contact. One entry per element.
+    pub element_gap_m: Vec<f32>,
+    /// Receiver gain on top of the probe's own; a disturbance or the user's knob.
+    pub gain_db: f64,
+}
