@@ -8,7 +8,7 @@ use sonoloop_types::{
 };
 
 /// One experiment, resolved for one seed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Scenario {
     /// Short name, also of the output.
     pub name: String,
@@ -57,7 +57,7 @@ pub struct Scenario {
 }
 
 /// A six-joint arm read from URDF, and where it stands.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct ArmSpec {
     /// Name shown in reports.
     pub name: String,
