@@ -7,6 +7,7 @@
 mod acquisition;
 mod command;
 mod estimate;
+mod event;
 mod geometry;
 mod image;
 mod needle;
@@ -20,6 +21,7 @@ mod truth;
 pub use acquisition::{Acquisition, ArmStatus, CommandReceipt, Refusal};
 pub use command::{Command, EndReason};
 pub use estimate::{Estimate, Reason, TrackState};
+pub use event::{Event, EventKind};
 pub use geometry::{ImageGeometry, View};
 pub use image::Image;
 pub use needle::{NeedlePath, NeedleSpec};
