@@ -1,0 +1,44 @@
+//! Keep the tip in the picture.
+
+use sonoloop_types::{Point, Pose, ServoSettings, Vector};
+
+/// Gain from the tip's excess over the dead band to the slide's speed, per second.
+const SLIDE_GAIN_PER_S: f64 = 5.0;
+
+/// Lateral slide of the probe over `dt_s` for a tip seen at `tip_in_probe`, along the probe's x, metres.
+///
+/// No motion inside the dead band; outside it the speed grows with the excess up to the set limit.
+pub fn slide_m(settings: &ServoSettings, tip_in_probe: &Point, dt_s: f64) -> f64 {
+    let excess_m =
+        tip_in_probe.x - tip_in_probe.x.clamp(-settings.lateral_deadband_m, settings.lateral_deadband_m);
+    (excess_m * SLIDE_GAIN_PER_S).clamp(-settings.slide_speed_m_s, settings.slide_speed_m_s) * dt_s
+}
+
+/// Elevational advance of a transverse plane that follows a tip fed by `fed_m`, along the probe's y, metres.
+///
+/// The plane is carried along the *nominal* axis; the error of its direction enters as 1 − cos.
+pub fn advance_m(base_from_probe: &Pose, axis_in_base: &Vector, fed_m: f64) -> f64 {
+    (base_from_probe.inverse() * axis_in_base).y * fed_m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inside_the_dead_band_the_probe_rests_and_outside_it_follows() {
+        let settings = crate::servo::tests::settings();
+        let at = |x_mm: f64| Point::new(x_mm * 1e-3, 0.0, 0.02);
+        assert_eq!(slide_m(&settings, &at(9.9), 0.04), 0.0);
+        assert!(slide_m(&settings, &at(11.0), 0.04) > 0.0);
+        assert!(slide_m(&settings, &at(-11.0), 0.04) < 0.0);
+        let most_m = settings.slide_speed_m_s * 0.04;
+        assert!((slide_m(&settings, &at(40.0), 0.04) - most_m).abs() < 1e-12);
+    }
+
+    #[test]
+    fn truth_advance_is_the_feed_times_the_cosine() {
+        let axis = Vector::new(0.0, 0.8, 0.6);
+        assert!((advance_m(&Pose::identity(), &axis, 0.01) - 0.008).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,351 @@
+//! Find a lost tip by moving the plane: look, sweep in elevation, then yaw about the last tip.
+//!
+//! The needle stands still meanwhile. A sweep does not stop at the first candidate, which is the edge of the
+//! slice: it goes on until the candidate fades, fits the tip's level over the path, returns to its crest and only
+//! there lets the tracker confirm. Travel and time are bounded; not found is an honest end.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+use sonoloop_types::{Estimate, ServoSettings, TrackState};
+
+/// Time the plane stands still after a loss: the cause may pass by itself.
+const LOOK_S: f64 = 0.2;
+/// The same after a restart of the tracker: the needle went on unseen, the whole picture is searched.
+const LOOK_AFTER_RESTART_S: f64 = 1.0;
+/// Longest wait for the confirmation at the crest.
+const CONFIRM_S: f64 = 0.8;
+/// A candidate has passed its crest when it fell by this many grey levels.
+const CREST_PASSED_LEVELS: f64 = 20.0;
+/// Pictures without a candidate that end a crest.
+const GAP_IMAGES: u32 = 2;
+
+/// Along which coordinate the plane is moved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Axis {
+    /// Along the probe's y, metres.
+    Elevation,
+    /// About the probe's z through the last tip, radians.
+    Yaw,
+}
+
+/// What the search is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Phase {
+    /// Standing still.
+    Look,
+    /// Moving the plane towards waypoint `leg`.
+    Sweep,
+    /// Going to the crest, then waiting there for the confirmation.
+    Crest {
+        /// Where the crest was found, in the axis' unit.
+        at: f64,
+        /// When the plane arrived there.
+        arrived_s: Option<f64>,
+    },
+    /// Nothing found within the bounds.
+    NotFound,
+}
+
+/// Offset of the plane from where the tip was lost.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Offset {
+    /// Along the probe's y, metres.
+    pub elevation_m: f64,
+    /// About the probe's z through the last tip, radians.
+    pub yaw_rad: f64,
+}
+
+impl Offset {
+    fn along(&self, axis: Axis) -> f64 {
+        match axis {
+            Axis::Elevation => self.elevation_m,
+            Axis::Yaw => self.yaw_rad,
+        }
+    }
+
+    fn along_mut(&mut self, axis: Axis) -> &mut f64 {
+        match axis {
+            Axis::Elevation => &mut self.elevation_m,
+            Axis::Yaw => &mut self.yaw_rad,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Sample {
+    at: f64,
+    level: f64,
+}
+
+/// One search, from the loss to the confirmation or the end of its bounds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Search {
+    /// What it is doing.
+    pub phase: Phase,
+    /// Where the plane is sent.
+    pub commanded: Offset,
+    axis: Axis,
+    leg: usize,
+    first_side: f64,
+    look_until_s: f64,
+    began_s: f64,
+    travel_m: f64,
+    crest: Vec<Sample>,
+    gap_images: u32,
+    last: Option<Offset>,
+}
+
+/// What the search is told with each picture.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// Time of the picture.
+    pub time_s: f64,
+    /// Time since the last picture.
+    pub dt_s: f64,
+    /// Measured offset of the plane from where the tip was lost.
+    pub measured: Offset,
+    /// The tracker's answer.
+    pub estimate: &'a Estimate,
+    /// False while the contact force says that the probe is off the surface.
+    pub in_contact: bool,
+}
+
+impl Search {
+    /// Begins at `time_s`; `first_side` (±1) is the side swept first, from the memory of the last motion.
+    pub fn new(time_s: f64, first_side: f64, after_restart: bool) -> Self {
+        Self {
+            phase: Phase::Look,
+            commanded: Offset::default(),
+            axis: Axis::Elevation,
+            leg: 0,
+            first_side,
+            look_until_s: time_s + if after_restart { LOOK_AFTER_RESTART_S } else { LOOK_S },
+            began_s: time_s,
+            travel_m: 0.0,
+            crest: Vec::new(),
+            gap_images: 0,
+            last: None,
+        }
+    }
+
+    /// True while the tracker must not confirm a candidate because the plane is on its way.
+    pub fn holds_confirmation(&self) -> bool {
+        matches!(self.phase, Phase::Sweep | Phase::Crest { arrived_s: None, .. })
+    }
+
+    /// Takes one picture's answer and sets [`Self::commanded`].
+    pub fn advance(&mut self, settings: &ServoSettings, view: &View<'_>) {
+        if let Some(last) = self.last {
+            self.travel_m += (view.measured.elevation_m - last.elevation_m).abs();
+        }
+        self.last = Some(view.measured);
+        if !view.in_contact {
+            // Nothing can be seen without contact: wait, and do not count the time.
+            self.began_s += view.dt_s;
+            self.look_until_s = self.look_until_s.max(view.time_s + LOOK_S);
+            if self.phase == Phase::Sweep {
+                self.phase = Phase::Look;
+            }
+            return;
+        }
+        let spent = view.time_s - self.began_s > settings.max_search_s
+            || self.travel_m > settings.max_search_travel_m;
+        let candidate = view.estimate.state == TrackState::Recovering;
+        match self.phase {
+            Phase::NotFound => {}
+            Phase::Look => {
+                if view.time_s >= self.look_until_s && !candidate {
+                    self.phase = Phase::Sweep;
+                }
+            }
+            _ if spent => self.phase = Phase::NotFound,
+            Phase::Sweep => self.sweep(settings, view, candidate),
+            Phase::Crest { at, arrived_s } => self.wait_at_crest(settings, view, candidate, at, arrived_s),
+        }
+    }
+
+    fn sweep(&mut self, settings: &ServoSettings, view: &View<'_>, candidate: bool) {
+        let at = view.measured.along(self.axis);
+        if candidate {
+            self.gap_images = 0;
+            self.crest.push(Sample { at, level: view.estimate.tip_level.unwrap_or(0.0) });
+        } else if !self.crest.is_empty() {
+            self.gap_images += 1;
+        }
+        let best = self.crest.iter().map(|s| s.level).fold(f64::NEG_INFINITY, f64::max);
+        let passed = self.crest.last().is_some_and(|s| s.level < best - CREST_PASSED_LEVELS);
+        if passed || self.gap_images >= GAP_IMAGES {
+            let at = crest_at(&self.crest);
+            self.crest.clear();
+            self.gap_images = 0;
+            self.phase = Phase::Crest { at, arrived_s: None };
+            return;
+        }
+        if self.step_towards(settings, self.waypoint(settings), view.dt_s) {
+            self.leg += 1;
+            if self.leg == WAYPOINTS.len() {
+                self.leg = 0;
+                match self.axis {
+                    Axis::Elevation if settings.yaw_reach_rad > 0.0 => self.axis = Axis::Yaw,
+                    _ => self.phase = Phase::NotFound,
+                }
+            }
+        }
+    }
+
+    fn wait_at_crest(
+        &mut self,
+        settings: &ServoSettings,
+        view: &View<'_>,
+        candidate: bool,
+        at: f64,
+        arrived_s: Option<f64>,
+    ) {
+        match arrived_s {
+            None => {
+                let there = self.step_towards(settings, at, view.dt_s);
+                let near = match self.axis {
+                    Axis::Elevation => 0.05e-3,
+                    Axis::Yaw => 0.1_f64.to_radians(),
+                };
+                if there && (view.measured.along(self.axis) - at).abs() < near {
+                    self.phase = Phase::Crest { at, arrived_s: Some(view.time_s) };
+                }
+            }
+            // No confirmation: a decoy, or the crest was misjudged. Go on where the sweep was.
+            Some(since_s) if view.time_s - since_s > CONFIRM_S && !candidate => self.phase = Phase::Sweep,
+            Some(since_s) if view.time_s - since_s > 2.0 * CONFIRM_S => self.phase = Phase::Sweep,
+            Some(_) => {}
+        }
+    }
+
+    fn waypoint(&self, settings: &ServoSettings) -> f64 {
+        let reach = match self.axis {
+            Axis::Elevation => settings.sweep_reach_m,
+            Axis::Yaw => settings.yaw_reach_rad,
+        };
+        self.first_side * WAYPOINTS[self.leg] * reach
+    }
+
+    /// Moves the command towards `goal` by one picture's worth; true when it is there.
+    fn step_towards(&mut self, settings: &ServoSettings, goal: f64, dt_s: f64) -> bool {
+        let speed = match self.axis {
+            Axis::Elevation => settings.sweep_speed_m_s,
+            Axis::Yaw => settings.yaw_speed_rad_s,
+        };
+        let value = self.commanded.along_mut(self.axis);
+        *value += (goal - *value).clamp(-speed * dt_s, speed * dt_s);
+        (goal - *value).abs() < 1e-9
+    }
+}
+
+/// Turning points of a sweep as shares of its reach: the remembered side first, widening in thirds, back home.
+const WAYPOINTS: [f64; 7] = [0.3, -0.3, -0.6, 0.6, 1.0, -1.0, 0.0];
+
+/// Where the level is highest: crest of a parabola through all samples when they have one inside, else the best.
+fn crest_at(samples: &[Sample]) -> f64 {
+    let first = samples.iter().map(|s| s.at).fold(f64::INFINITY, f64::min);
+    let last = samples.iter().map(|s| s.at).fold(f64::NEG_INFINITY, f64::max);
+    let best = samples.iter().fold(Sample { at: 0.0, level: f64::NEG_INFINITY }, |best, s| {
+        if s.level > best.level { *s } else { best }
+    });
+    let half = (last - first) / 2.0;
+    if samples.len() < 5 || half <= 0.0 {
+        return best.at;
+    }
+    let middle = (first + last) / 2.0;
+    let mut normal = Matrix3::zeros();
+    let mut right = Vector3::zeros();
+    for s in samples {
+        let x = (s.at - middle) / half;
+        let row = Vector3::new(1.0, x, x * x);
+        normal += row * row.transpose();
+        right += row * s.level;
+    }
+    match normal.cholesky().map(|c| c.solve(&right)) {
+        Some(c) if c.z < 0.0 && (c.y / (2.0 * c.z)).abs() <= 1.0 => middle - half * c.y / (2.0 * c.z),
+        _ => best.at,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::servo::tests::settings;
+    use sonoloop_types::{Estimate, Reason};
+
+    /// Runs a search over a tip that is seen within `half_width_m` of `tip_m`; the plane follows its command.
+    fn run(tip_m: f64, half_width_m: f64, first_side: f64) -> (Search, f64, f64) {
+        let settings = settings();
+        let mut search = Search::new(0.0, first_side, false);
+        let mut time_s = 0.0;
+        let mut farthest_m = 0.0_f64;
+        for _ in 0..2000 {
+            time_s += 0.04;
+            let e = search.commanded.elevation_m - tip_m;
+            farthest_m = farthest_m.max(search.commanded.elevation_m.abs());
+            let seen = e.abs() < half_width_m && search.commanded.yaw_rad.abs() < 1e-3;
+            let state = if seen { TrackState::Recovering } else { TrackState::Lost };
+            let mut estimate = Estimate::bare(state, Reason::Ok, None);
+            estimate.tip_level = Some(200.0 - 40.0 * (e / half_width_m).powi(2));
+            let view = View {
+                time_s,
+                dt_s: 0.04,
+                measured: search.commanded,
+                estimate: &estimate,
+                in_contact: true,
+            };
+            search.advance(&settings, &view);
+            if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
+                break;
+            }
+        }
+        (search, time_s, farthest_m)
+    }
+
+    #[test]
+    fn a_tip_on_either_side_is_centred_within_a_tenth_of_a_millimetre() {
+        for tip_m in [-6e-3, -3e-3, -1e-3, 1e-3, 3e-3, 6e-3] {
+            for side in [-1.0, 1.0] {
+                let (search, _, _) = run(tip_m, 0.5e-3, side);
+                let at = search.commanded.elevation_m;
+                assert!((at - tip_m).abs() < 0.1e-3, "tip {tip_m} found at {at}");
+                assert!(!search.holds_confirmation());
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_there_is_not_found_within_travel_and_time() {
+        let (search, time_s, farthest_m) = run(20e-3, 0.5e-3, 1.0);
+        assert_eq!(search.phase, Phase::NotFound);
+        assert!(time_s <= settings().max_search_s + 0.1, "{time_s}");
+        assert!(farthest_m <= settings().sweep_reach_m + 1e-9);
+    }
+
+    #[test]
+    fn the_remembered_side_is_swept_first() {
+        let (_, right_s, _) = run(1.5e-3, 0.5e-3, 1.0);
+        let (_, wrong_s, _) = run(1.5e-3, 0.5e-3, -1.0);
+        assert!(right_s < wrong_s);
+    }
+
+    #[test]
+    fn without_contact_the_plane_stands_still() {
+        let settings = settings();
+        let mut search = Search::new(0.0, 1.0, false);
+        let estimate = Estimate::bare(TrackState::Lost, Reason::NoCandidate, None);
+        for k in 1..200 {
+            let view = View {
+                time_s: 0.04 * f64::from(k),
+                dt_s: 0.04,
+                measured: search.commanded,
+                estimate: &estimate,
+                in_contact: false,
+            };
+            search.advance(&settings, &view);
+        }
+        assert_eq!(search.commanded, Offset::default());
+        assert_eq!(search.phase, Phase::Look);
+    }
+}

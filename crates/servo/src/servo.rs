@@ -1,0 +1,407 @@
+use serde::{Deserialize, Serialize};
+use sonoloop_types::{Acquisition, Command, Estimate, Pose, Setup, TrackState, Vector, View};
+
+use crate::search::{self, Offset, Search};
+use crate::{feed, follow, hold::Hold, predict};
+
+/// Share of the mean distance between wanted and measured plane that is fed back per picture (transverse).
+const LAG_GAIN: f64 = 0.08;
+/// Most that this correction may add up to.
+const LAG_LIMIT_M: f64 = 2e-3;
+/// A contact force below this share of the one at the start means that the probe is off the surface.
+const CONTACT_SHARE: f64 = 0.2;
+/// Below this the force at the start is noise (a liquid bears no probe), and contact cannot be judged by it.
+const LEAST_CONTACT_N: f64 = 0.2;
+
+/// What the servo is doing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Mode {
+    /// Following a tracked tip.
+    Follow,
+    /// Looking for a lost one.
+    Search(Search),
+    /// The tip stands at the target.
+    Arrived,
+}
+
+/// What the servo tells the tracker before it looks at a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guidance {
+    /// Predicted motion of the tip since the last picture, pixels.
+    pub motion_px: Option<[f64; 2]>,
+    /// The plane is on its way: a candidate must not be confirmed yet.
+    pub hold_confirmation: bool,
+}
+
+/// The last picture's facts, for prediction.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Last {
+    acquisition_tick: u64,
+    base_from_probe: Pose,
+    depth_m: Option<f64>,
+    tip_px: [f64; 2],
+}
+
+/// All that changes in a servo; small, cloneable, and part of the tracker's checkpoint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ServoState {
+    mode: Mode,
+    /// Pose that the plane is held at, base frame, before dither and search; `None` before the first picture.
+    held: Option<Pose>,
+    /// Sum of all elevational corrections: the coordinate in which the hold's samples are kept.
+    corrected_m: f64,
+    /// Correction of the arm's lag along y (transverse).
+    lag_m: f64,
+    hold: Hold,
+    last: Option<Last>,
+    first_force_n: f64,
+    first_side: f64,
+}
+
+/// Turns estimates into commands.
+#[derive(Debug, Clone)]
+pub struct Servo {
+    setup: Setup,
+    state: ServoState,
+}
+
+impl Servo {
+    /// A servo that has seen nothing yet.
+    pub fn new(setup: Setup) -> Self {
+        let state = ServoState {
+            mode: Mode::Follow,
+            held: None,
+            corrected_m: 0.0,
+            lag_m: 0.0,
+            hold: Hold::default(),
+            last: None,
+            first_force_n: 0.0,
+            first_side: 1.0,
+        };
+        Self { setup, state }
+    }
+
+    /// A servo that goes on from a checkpoint.
+    pub fn restore(setup: Setup, state: ServoState) -> Self {
+        Self { setup, state }
+    }
+
+    /// For the checkpoint.
+    pub fn state(&self) -> &ServoState {
+        &self.state
+    }
+
+    /// What it is doing.
+    pub fn mode(&self) -> &Mode {
+        &self.state.mode
+    }
+
+    /// What the tracker should know before it looks at the picture taken with `acquisition`.
+    pub fn guidance(&self, acquisition: &Acquisition) -> Guidance {
+        let motion_px = self.state.last.and_then(|last| {
+            let fed_m = match (acquisition.depth_m, last.depth_m) {
+                (Some(now_m), Some(before_m)) => now_m - before_m,
+                _ => return None,
+            };
+            predict::motion_px(
+                self.setup.view,
+                &self.setup.geometry,
+                &self.setup.needle_axis_in_base,
+                last.tip_px,
+                &last.base_from_probe,
+                &acquisition.base_from_probe,
+                fed_m,
+            )
+        });
+        let hold_confirmation =
+            matches!(&self.state.mode, Mode::Search(search) if search.holds_confirmation());
+        Guidance { motion_px, hold_confirmation }
+    }
+
+    /// The command that answers a picture.
+    pub fn answer(&mut self, acquisition: &Acquisition, estimate: &Estimate) -> Command {
+        let first = self.state.held.is_none();
+        if first {
+            self.state.first_force_n = acquisition.contact_force_n;
+        }
+        let held = *self.state.held.get_or_insert(acquisition.base_from_probe);
+        let dt_s = self.setup.image_period_ticks as f64 / f64::from(self.setup.tick_rate_hz);
+        let time_s = acquisition.acquisition_tick as f64 / f64::from(self.setup.tick_rate_hz);
+
+        self.change_mode(time_s, held, estimate);
+        let (target, feed_m_s) = match &mut self.state.mode {
+            Mode::Arrived => (self.state.held, 0.0),
+            Mode::Search(search) => {
+                let tip_x_m = self.state.last.map_or(0.0, |l| self.setup.geometry.probe_from_px(l.tip_px).x);
+                let in_contact = self.state.first_force_n < LEAST_CONTACT_N
+                    || acquisition.contact_force_n > CONTACT_SHARE * self.state.first_force_n;
+                let measured = offset_from(&held, &acquisition.base_from_probe, tip_x_m);
+                search.advance(
+                    &self.setup.servo,
+                    &search::View { time_s, dt_s, measured, estimate, in_contact },
+                );
+                (Some(displaced(&held, search.commanded, tip_x_m)), 0.0)
+            }
+            Mode::Follow if estimate.state == TrackState::Tracking => {
+                self.follow(acquisition, estimate, held, time_s, dt_s)
+            }
+            Mode::Follow => (Some(held), 0.0),
+        };
+        if let Some(tip_px) = estimate.tip_px {
+            self.state.last = Some(Last {
+                acquisition_tick: acquisition.acquisition_tick,
+                base_from_probe: acquisition.base_from_probe,
+                depth_m: acquisition.depth_m,
+                tip_px,
+            });
+        }
+        Command {
+            answers: acquisition.sequence,
+            estimate: *estimate,
+            target_base_from_probe: target,
+            feed_m_s,
+        }
+    }
+
+    fn change_mode(&mut self, time_s: f64, held: Pose, estimate: &Estimate) {
+        let gone = matches!(estimate.state, TrackState::Lost | TrackState::Recovering);
+        match &self.state.mode {
+            Mode::Follow if gone => {
+                let after_restart = estimate.reason == sonoloop_types::Reason::Restarted;
+                self.state.mode = Mode::Search(Search::new(time_s, self.state.first_side, after_restart));
+                self.state.hold.reset();
+            }
+            Mode::Search(search) if estimate.state == TrackState::Tracking => {
+                let tip_x_m = self.state.last.map_or(0.0, |l| self.setup.geometry.probe_from_px(l.tip_px).x);
+                self.state.held = Some(displaced(&held, search.commanded, tip_x_m));
+                if search.commanded.elevation_m != 0.0 {
+                    self.state.first_side = search.commanded.elevation_m.signum();
+                }
+                self.state.lag_m = 0.0;
+                self.state.mode = Mode::Follow;
+            }
+            _ => {}
+        }
+    }
+
+    /// Follow law for a tracked tip: moves the held pose, adds dither, sets the feed.
+    fn follow(
+        &mut self,
+        acquisition: &Acquisition,
+        estimate: &Estimate,
+        held: Pose,
+        time_s: f64,
+        dt_s: f64,
+    ) -> (Option<Pose>, f64) {
+        let Some(tip_px) = estimate.tip_px else { return (Some(held), 0.0) };
+        let settings = self.setup.servo;
+        let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
+
+        let slide_m = follow::slide_m(&settings, &tip_in_probe, dt_s);
+        let fed_m = match (acquisition.depth_m, self.state.last.and_then(|l| l.depth_m)) {
+            (Some(now_m), Some(before_m)) => now_m - before_m,
+            _ => 0.0,
+        };
+        let advance_m = match self.setup.view {
+            View::Lateral => 0.0,
+            View::Transverse => follow::advance_m(&held, &self.setup.needle_axis_in_base, fed_m),
+        };
+
+        let measured_m =
+            offset_from(&held, &acquisition.base_from_probe, tip_in_probe.x).elevation_m - advance_m;
+        if let Some(level) = estimate.tip_level {
+            let window_s = 2.0 * settings.dither_period_s;
+            self.state.hold.push(time_s, self.state.corrected_m + measured_m, level, window_s);
+        }
+        let sigma_m = self.slice_sigma_m(tip_in_probe.z);
+        let correction_m = match self.state.hold.centre_m(sigma_m) {
+            Some(centre_m) => {
+                let wanted_m = (centre_m - self.state.corrected_m).clamp(-sigma_m, sigma_m);
+                if wanted_m != 0.0 {
+                    self.state.first_side = wanted_m.signum();
+                }
+                (settings.elevation_gain_per_s * dt_s).min(1.0) * wanted_m
+            }
+            None => 0.0,
+        };
+        self.state.corrected_m += correction_m;
+        if self.setup.view == View::Transverse {
+            self.state.lag_m = (self.state.lag_m - LAG_GAIN * measured_m).clamp(-LAG_LIMIT_M, LAG_LIMIT_M);
+        }
+
+        let held = held * Pose::translation(slide_m, advance_m + correction_m, 0.0);
+        self.state.held = Some(held);
+        let phase = std::f64::consts::TAU * time_s / settings.dither_period_s;
+        let elevation_m = self.state.lag_m + settings.dither_m * libm::sin(phase);
+        let target = displaced(&held, Offset { elevation_m, yaw_rad: 0.0 }, 0.0);
+
+        let tip_in_base = acquisition.base_from_probe * tip_in_probe;
+        let remaining_m = feed::remaining_m(&self.setup, &tip_in_base);
+        let age_s = (acquisition.publication_tick - acquisition.acquisition_tick) as f64
+            / f64::from(self.setup.tick_rate_hz);
+        let since_m = acquisition.feed_m_s.unwrap_or(0.0) * age_s;
+        if feed::arrived(remaining_m - since_m) {
+            self.state.mode = Mode::Arrived;
+            return (Some(held), 0.0);
+        }
+        (Some(target), feed::feed_m_s(&self.setup, remaining_m, since_m, acquisition.depth_m))
+    }
+
+    /// σ of the elevational beam at a depth, from the −6 dB widths of the set-up.
+    fn slice_sigma_m(&self, depth_m: f64) -> f64 {
+        let table = &self.setup.slice_thickness_m;
+        let nearest = table
+            .iter()
+            .min_by(|a, b| (a[0] - depth_m).abs().total_cmp(&(b[0] - depth_m).abs()))
+            .map_or(1e-3, |entry| entry[1]);
+        nearest / 2.355
+    }
+}
+
+/// The held pose displaced by a search: elevation along y, yaw about z through the point (tip_x, 0, ·).
+fn displaced(held: &Pose, offset: Offset, tip_x_m: f64) -> Pose {
+    let about_tip = Pose::translation(tip_x_m, 0.0, 0.0)
+        * Pose::rotation(Vector::z() * offset.yaw_rad)
+        * Pose::translation(-tip_x_m, 0.0, 0.0);
+    held * Pose::translation(0.0, offset.elevation_m, 0.0) * about_tip
+}
+
+/// Inverse of [`displaced`] for a measured pose: its elevation at the tip and its yaw, relative to the held pose.
+fn offset_from(held: &Pose, measured: &Pose, tip_x_m: f64) -> Offset {
+    let held_from_measured = held.inverse() * measured;
+    let tip = held_from_measured * sonoloop_types::Point::new(tip_x_m, 0.0, 0.0);
+    let x_axis = held_from_measured * Vector::x();
+    Offset { elevation_m: tip.y, yaw_rad: libm::atan2(x_axis.y, x_axis.x) }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use sonoloop_types::{
+        ArmStatus, ImageGeometry, Limits, Point, Profile, Reason, ServoSettings, TrackerSettings,
+    };
+
+    pub(crate) fn settings() -> ServoSettings {
+        ServoSettings {
+            feed_m_s: 10e-3,
+            approach_m: 1.5e-3,
+            lateral_deadband_m: 10e-3,
+            slide_speed_m_s: 12e-3,
+            elevation_gain_per_s: 1.0,
+            dither_m: 0.15e-3,
+            dither_period_s: 0.8,
+            sweep_speed_m_s: 5e-3,
+            sweep_reach_m: 7e-3,
+            yaw_reach_rad: 8.0_f64.to_radians(),
+            yaw_speed_rad_s: 10.0_f64.to_radians(),
+            max_search_travel_m: 60e-3,
+            max_search_s: 20.0,
+        }
+    }
+
+    fn setup(view: View) -> Setup {
+        Setup {
+            protocol: 1,
+            run_id: 1,
+            tick_rate_hz: 1000,
+            image_period_ticks: 40,
+            view,
+            geometry: ImageGeometry::default(),
+            slice_thickness_m: vec![[0.01, 0.8e-3], [0.03, 1.4e-3]],
+            flange_from_probe: Pose::identity(),
+            entry_in_base: Point::new(-0.03, 0.0, 0.0),
+            needle_axis_in_base: Vector::new(0.6, 0.0, 0.8),
+            target_in_base: Point::new(0.0, 0.0, 0.04),
+            click_px: [320.0, 200.0],
+            limits: Limits {
+                max_feed_m_s: 12e-3,
+                max_probe_speed_m_s: 30e-3,
+                max_probe_travel_m: 80e-3,
+                max_probe_turn_rad: 0.5,
+                max_contact_force_n: 8.0,
+            },
+            tracker: TrackerSettings::profile(Profile::Robust, 20),
+            servo: settings(),
+        }
+    }
+
+    fn acquisition(sequence: u64) -> Acquisition {
+        Acquisition {
+            sequence,
+            acquisition_tick: sequence * 40,
+            publication_tick: sequence * 40,
+            pose_tick: sequence * 40,
+            base_from_probe: Pose::identity(),
+            depth_m: Some(0.02),
+            feed_m_s: Some(0.01),
+            contact_force_n: 2.0,
+            arm_status: ArmStatus::Ready,
+            last_command: None,
+        }
+    }
+
+    fn estimate(state: TrackState) -> Estimate {
+        Estimate::bare(state, Reason::Ok, Some([319.5, 200.0]))
+    }
+
+    #[test]
+    fn a_tracked_tip_is_fed_and_a_lost_one_is_not() {
+        let mut servo = Servo::new(setup(View::Lateral));
+        assert_eq!(servo.answer(&acquisition(0), &estimate(TrackState::Tracking)).feed_m_s, 10e-3);
+        for state in [TrackState::Lost, TrackState::Recovering, TrackState::Lost] {
+            assert_eq!(servo.answer(&acquisition(1), &estimate(state)).feed_m_s, 0.0);
+        }
+        assert!(matches!(servo.mode(), Mode::Search(_)));
+        assert_eq!(servo.answer(&acquisition(2), &estimate(TrackState::Tracking)).feed_m_s, 10e-3);
+        assert_eq!(*servo.mode(), Mode::Follow);
+    }
+
+    #[test]
+    fn before_the_first_fix_nothing_moves() {
+        let mut servo = Servo::new(setup(View::Lateral));
+        let command =
+            servo.answer(&acquisition(0), &Estimate::bare(TrackState::Searching, Reason::NoCandidate, None));
+        assert_eq!(command.feed_m_s, 0.0);
+        assert_eq!(command.target_base_from_probe, Some(Pose::identity()));
+    }
+
+    #[test]
+    fn at_the_target_the_needle_rests_for_good() {
+        let mut servo = Servo::new(setup(View::Lateral));
+        let mut at_target = estimate(TrackState::Tracking);
+        at_target.tip_px = Some([319.5, 400.0]);
+        assert_eq!(servo.answer(&acquisition(0), &at_target).feed_m_s, 0.0);
+        assert_eq!(servo.answer(&acquisition(1), &estimate(TrackState::Tracking)).feed_m_s, 0.0);
+        assert_eq!(*servo.mode(), Mode::Arrived);
+    }
+
+    #[test]
+    fn truth_displacement_and_offset_are_inverse() {
+        let held = Pose::new(Vector::new(0.1, -0.2, 0.3), Vector::new(0.2, 2.9, -0.1));
+        let offset = Offset { elevation_m: 3e-3, yaw_rad: -0.1 };
+        let back = offset_from(&held, &displaced(&held, offset, 4e-3), 4e-3);
+        assert!((back.elevation_m - 3e-3).abs() < 1e-12 && (back.yaw_rad + 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn yaw_leaves_the_tip_where_it_is() {
+        let held = Pose::identity();
+        let turned = displaced(&held, Offset { elevation_m: 0.0, yaw_rad: 0.2 }, 5e-3);
+        let tip = turned * Point::new(5e-3, 0.0, 0.02);
+        assert!((tip - Point::new(5e-3, 0.0, 0.02)).norm() < 1e-15);
+    }
+
+    #[test]
+    fn a_restored_servo_answers_like_the_one_it_was_taken_from() {
+        let mut one = Servo::new(setup(View::Lateral));
+        for k in 0..20 {
+            one.answer(&acquisition(k), &estimate(TrackState::Tracking));
+        }
+        one.answer(&acquisition(20), &estimate(TrackState::Lost));
+        let mut two = Servo::restore(setup(View::Lateral), one.state().clone());
+        for k in 21..60 {
+            let lost = estimate(TrackState::Lost);
+            assert_eq!(one.answer(&acquisition(k), &lost), two.answer(&acquisition(k), &lost));
+        }
+    }
+}
