@@ -1,0 +1,20 @@
+//! The files as people write them: keys with units, ranges of single values. Converted to SI in
+//! [`crate::check`], nowhere else.
+//!
+//! Ranges here are of plausibility; what depends on a second value is checked there.
+
+mod needle;
+mod phantom;
+mod probe;
+mod robot;
+mod scenario;
+mod settings;
+mod timeline;
+
+pub(crate) use needle::RawNeedle;
+pub(crate) use phantom::{RawInclusion, RawMaterial, RawMaterials, RawPhantom};
+pub(crate) use probe::RawProbe;
+pub(crate) use robot::{RawNeedleRobot, RawOpw, RawPose, RawRobot};
+pub(crate) use scenario::{RawCalibration, RawDelays, RawInsertion, RawPlacement, RawScenario, RawView};
+pub(crate) use settings::{RawLimits, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate};
+pub(crate) use timeline::{RawBound, RawDisturbance, RawKnock, RawNormal, RawRandomize};

@@ -1,0 +1,58 @@
+use garde::Validate;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+/// A linear array and the settings of the scanner behind it. The picture is 640×480 at 0.1 mm.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub(crate) struct RawProbe {
+    /// Name shown in reports.
+    #[garde(length(chars, min = 1, max = 80))]
+    pub name: String,
+    /// Number of elements.
+    #[garde(range(min = 16, max = 1024))]
+    pub elements: u32,
+    /// Distance between neighbouring elements.
+    #[garde(range(min = 0.05, max = 1.0))]
+    pub pitch_mm: f64,
+    /// Transmit centre frequency.
+    #[garde(range(min = 1.0, max = 25.0))]
+    pub centre_frequency_mhz: f64,
+    /// −6 dB bandwidth of the two-way pulse over the centre frequency.
+    #[garde(range(min = 0.1, max = 1.5))]
+    pub fractional_bandwidth: f64,
+    /// Depth over active aperture.
+    #[garde(range(min = 0.5, max = 8.0))]
+    pub f_number: f64,
+    /// Slice thickness over depth, by ascending depth.
+    #[garde(length(min = 2, max = 64), dive)]
+    pub elevation: Vec<RawElevation>,
+    /// Sound speed that the scanner assumes.
+    #[garde(range(min = 1300.0, max = 1800.0))]
+    pub assumed_sound_speed_m_s: f64,
+    /// Attenuation that the time-gain compensation undoes.
+    #[garde(range(min = 0.0, max = 3.0))]
+    pub tgc_db_cm_mhz: f64,
+    /// Dynamic range of the log compression.
+    #[garde(range(min = 20.0, max = 100.0))]
+    pub dynamic_range_db: f64,
+    /// How far below white the speckle of unit backscatter lies.
+    #[garde(range(min = 0.0, max = 100.0))]
+    pub speckle_level_db: f64,
+    /// Electronic noise before time-gain compensation, over unit-backscatter speckle at no depth.
+    #[garde(range(min = -120.0, max = 0.0))]
+    pub noise_level_db: f64,
+}
+
+/// Measured thickness of the slice at one depth.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawElevation {
+    /// Depth below the transducer's face.
+    #[garde(range(min = 0.1, max = 200.0))]
+    pub depth_mm: f64,
+    /// Two-way −6 dB width of the elevational beam there.
+    #[garde(range(min = 0.1, max = 20.0))]
+    pub width_mm: f64,
+}

@@ -1,0 +1,217 @@
+use garde::Validate;
+use schemars::JsonSchema;
+use serde::{Deserialize, Deserializer};
+
+/// A named set of tracker settings.
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawProfile {
+    Paper,
+    #[default]
+    Robust,
+}
+
+/// What the optimiser minimises.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawSimilarity {
+    Ssd,
+    Scv,
+}
+
+/// How the template follows the target's appearance.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawUpdate {
+    None,
+    Naive,
+    DriftCorrected,
+}
+
+/// The tracker: a profile, and any value of it that is to differ.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields, default)]
+#[garde(allow_unvalidated)]
+pub(crate) struct RawTracker {
+    /// The profile that all other values come from.
+    pub profile: RawProfile,
+    /// Side of the square template.
+    #[garde(range(min = 8, max = 128))]
+    pub template_px: u32,
+    /// What is minimised.
+    pub similarity: Option<RawSimilarity>,
+    /// Order of the optimisation, 1 or 2.
+    #[garde(range(min = 1, max = 2))]
+    pub order: Option<u8>,
+    /// Template update.
+    pub update: Option<RawUpdate>,
+    /// Grey-level bins of the sum of conditional variances.
+    #[garde(range(min = 2, max = 256))]
+    pub scv_bins: Option<u32>,
+    /// Gaussian blur before anything else, σ; 0 is none.
+    #[garde(range(min = 0.0, max = 10.0))]
+    pub blur_sigma_px: Option<f64>,
+    /// Gaussian weight about the tip, σ; 0 is uniform.
+    #[garde(range(min = 0.0, max = 64.0))]
+    pub weight_sigma_px: Option<f64>,
+    /// Share of the last velocity kept in the constant-velocity guess; 1 makes no guess.
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub velocity_memory: Option<f64>,
+    /// Largest corner distance of the two registrations that accepts an update.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub drift_tolerance_px: Option<f64>,
+    /// Most iterations per registration.
+    #[garde(range(min = 1, max = 500))]
+    pub max_iterations: Option<u32>,
+    /// The iteration ends when the largest corner motion falls below this.
+    #[garde(range(min = 0.000001, max = 1.0))]
+    pub epsilon_px: Option<f64>,
+    /// Lost below this NCC with the last template.
+    #[garde(range(min = -1.0, max = 1.0))]
+    pub loss_ncc_previous: Option<f64>,
+    /// Lost below this NCC with the first template.
+    #[garde(range(min = -1.0, max = 1.0))]
+    pub loss_ncc_anchor: Option<f64>,
+    /// Lost above this brightness ratio; null turns the test off.
+    #[serde(deserialize_with = "nullable")]
+    #[schemars(with = "Option<f64>")]
+    #[garde(inner(range(min = 0.0, max = 10.0)))]
+    pub loss_brightness_ratio: Option<Option<f64>>,
+    /// NCC with the first template that a recovery needs.
+    #[garde(range(min = -1.0, max = 1.0))]
+    pub recovery_ncc: Option<f64>,
+    /// Images in a row that confirm a recovery.
+    #[garde(range(min = 1, max = 100))]
+    pub confirmation_images: Option<u32>,
+    /// Images lost after which the whole picture is searched.
+    #[garde(range(min = 0, max = 10000))]
+    pub whole_image_after: Option<u32>,
+}
+
+/// Tells a key that is null from one that is not there.
+fn nullable<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Option<f64>>, D::Error> {
+    Option::deserialize(deserializer).map(Some)
+}
+
+impl Default for RawTracker {
+    fn default() -> Self {
+        Self {
+            profile: RawProfile::Robust,
+            template_px: 20,
+            similarity: None,
+            order: None,
+            update: None,
+            scv_bins: None,
+            blur_sigma_px: None,
+            weight_sigma_px: None,
+            velocity_memory: None,
+            drift_tolerance_px: None,
+            max_iterations: None,
+            epsilon_px: None,
+            loss_ncc_previous: None,
+            loss_ncc_anchor: None,
+            loss_brightness_ratio: None,
+            recovery_ncc: None,
+            confirmation_images: None,
+            whole_image_after: None,
+        }
+    }
+}
+
+/// How the arm and the needle are steered.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct RawServo {
+    /// Feed while the tip is tracked.
+    #[garde(range(min = 0.1, max = 200.0))]
+    pub feed_mm_s: f64,
+    /// Distance before the target over which the feed slows down.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub approach_mm: f64,
+    /// Lateral: how far the tip may wander from the picture's middle before the probe slides.
+    #[garde(range(min = 0.0, max = 32.0))]
+    pub lateral_deadband_mm: f64,
+    /// Fastest slide while following.
+    #[garde(range(min = 0.0, max = 200.0))]
+    pub slide_speed_mm_s: f64,
+    /// Gain of the elevational hold, share of the estimated offset corrected per second; 0 is off.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub elevation_gain: f64,
+    /// Amplitude of the elevational dither; 0 is off.
+    #[garde(range(min = 0.0, max = 5.0))]
+    pub dither_mm: f64,
+    /// Period of the dither.
+    #[garde(range(min = 0.08, max = 60.0))]
+    pub dither_period_s: f64,
+    /// Speed of the elevational sweep after a loss.
+    #[garde(range(min = 0.1, max = 200.0))]
+    pub sweep_speed_mm_s: f64,
+    /// Farthest the sweep goes to either side.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub sweep_reach_mm: f64,
+    /// Yaw searched when the sweep found nothing, to either side.
+    #[garde(range(min = 0.0, max = 60.0))]
+    pub yaw_reach_deg: f64,
+    /// Speed of that yaw.
+    #[garde(range(min = 0.1, max = 180.0))]
+    pub yaw_speed_deg_s: f64,
+    /// Most distance that the probe travels in one search.
+    #[garde(range(min = 0.0, max = 1000.0))]
+    pub max_search_travel_mm: f64,
+    /// Most time that one search takes.
+    #[garde(range(min = 0.1, max = 600.0))]
+    pub max_search_s: f64,
+}
+
+impl Default for RawServo {
+    fn default() -> Self {
+        Self {
+            feed_mm_s: 10.0,
+            approach_mm: 1.5,
+            lateral_deadband_mm: 10.0,
+            slide_speed_mm_s: 12.0,
+            elevation_gain: 1.0,
+            dither_mm: 0.15,
+            dither_period_s: 0.8,
+            sweep_speed_mm_s: 5.0,
+            sweep_reach_mm: 7.0,
+            yaw_reach_deg: 8.0,
+            yaw_speed_deg_s: 10.0,
+            max_search_travel_mm: 60.0,
+            max_search_s: 15.0,
+        }
+    }
+}
+
+/// Bounds that every command must keep.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct RawLimits {
+    /// Fastest feed.
+    #[garde(range(min = 0.1, max = 200.0))]
+    pub max_feed_mm_s: f64,
+    /// Fastest probe motion.
+    #[garde(range(min = 0.1, max = 500.0))]
+    pub max_probe_speed_mm_s: f64,
+    /// Farthest from the probe's pose at the start.
+    #[garde(range(min = 1.0, max = 1000.0))]
+    pub max_probe_travel_mm: f64,
+    /// Largest turn from the probe's pose at the start.
+    #[garde(range(min = 0.0, max = 90.0))]
+    pub max_probe_turn_deg: f64,
+    /// Contact force that must never be exceeded.
+    #[garde(range(min = 0.1, max = 50.0))]
+    pub max_contact_force_n: f64,
+}
+
+impl Default for RawLimits {
+    fn default() -> Self {
+        Self {
+            max_feed_mm_s: 12.0,
+            max_probe_speed_mm_s: 30.0,
+            max_probe_travel_mm: 80.0,
+            max_probe_turn_deg: 25.0,
+            max_contact_force_n: 8.0,
+        }
+    }
+}
