@@ -1,1 +1,34 @@
-//! Under construction.
+//! The `sonoloop` program: what joins the crates into runs, files and a command line.
+//!
+//! [`session`] is the loop itself; [`peer`] and [`remote`] are the two ways to a tracker; [`controller`] is tracker and
+//! servo joined; [`judge`] turns a recording into metrics and a verdict; [`output`] writes files.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+pub mod cli;
+pub mod commands;
+pub mod controller;
+pub mod error;
+pub mod judge;
+pub mod null;
+pub mod output;
+pub mod peer;
+pub mod progress;
+pub mod record;
+pub mod remote;
+pub mod scenarios;
+pub mod session;
+
+/// Parses the command line, does what it asks, and turns the outcome into the exit code.
+pub fn main() -> ExitCode {
+    let cli = cli::Cli::parse();
+    match commands::dispatch(cli.command) {
+        Ok(verdict) => verdict.into(),
+        Err(error) => {
+            eprintln!("{error}");
+            error.exit_code()
+        }
+    }
+}

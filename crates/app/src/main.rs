@@ -1,2 +1,5 @@
 //! The `sonoloop` program.
-fn main() {}
+
+fn main() -> std::process::ExitCode {
+    sonoloop::main()
+}

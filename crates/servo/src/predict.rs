@@ -36,6 +36,13 @@ pub fn motion_px(
     Some([px[0] - tip_px[0], px[1] - tip_px[1]])
 }
 
+/// Direction in which the needle points in the picture, unit length; `None` when it stands (nearly) across the plane.
+pub fn axis_px(axis_in_base: &Vector, base_from_probe: &Pose) -> Option<[f64; 2]> {
+    let axis = base_from_probe.inverse() * axis_in_base;
+    let length = (axis.x * axis.x + axis.z * axis.z).sqrt();
+    (length > 0.5).then(|| [axis.x / length, axis.z / length])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

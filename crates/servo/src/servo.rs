@@ -31,6 +31,8 @@ pub struct Guidance {
     pub motion_px: Option<[f64; 2]>,
     /// The plane is on its way: a candidate must not be confirmed yet.
     pub hold_confirmation: bool,
+    /// Direction of the needle in a lateral picture under the nominal calibration, unit length.
+    pub axis_px: Option<[f64; 2]>,
 }
 
 /// The last picture's facts, for prediction.
@@ -115,7 +117,11 @@ impl Servo {
         });
         let hold_confirmation =
             matches!(&self.state.mode, Mode::Search(search) if search.holds_confirmation());
-        Guidance { motion_px, hold_confirmation }
+        let axis_px = match self.setup.view {
+            View::Lateral => predict::axis_px(&self.setup.needle_axis_in_base, &acquisition.base_from_probe),
+            View::Transverse => None,
+        };
+        Guidance { motion_px, hold_confirmation, axis_px }
     }
 
     /// The command that answers a picture.
@@ -160,6 +166,7 @@ impl Servo {
             estimate: *estimate,
             target_base_from_probe: target,
             feed_m_s,
+            compute_us: 0.0,
         }
     }
 

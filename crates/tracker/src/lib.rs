@@ -1,1 +1,32 @@
-//! Under construction.
+//! Needle-tip tracking in B-mode images: an image in, an [`Estimate`](sonoloop_types::Estimate) out.
+//!
+//! The method is that of Kaya, Senel, Ahmad and Bebek, "Visual Tracking of Biopsy Needles in 2D Ultrasound
+//! Images", with the corrections that its two profiles name
+//! ([`TrackerSettings::profile`](sonoloop_types::TrackerSettings::profile)). The tracker knows pictures, and what
+//! [`Context`] tells it of measured motion; it knows no arm, no needle robot and no simulator.
+//!
+//! Symbols: `T_1` the first template, the *anchor*; `T_n` the *previous* template; `S` the side of both in pixels;
+//! `P` the patch of the current image under the template; `w` the Gaussian weight about the tip; `Δ` the change of
+//! the whole image's median grey level since a template was taken.
+//!
+//! The same images give the same bytes on every machine: sums run in one fixed order, and the only transcendental
+//! function, the exponential of the Gaussian tables, comes from `libm`.
+
+mod checkpoint;
+mod error;
+mod gaussian;
+mod grey;
+mod likeness;
+mod lost;
+mod region;
+mod register;
+mod scv;
+mod search;
+mod settings;
+mod shaft;
+mod template;
+mod tracker;
+
+pub use checkpoint::{Checkpoint, SavedTemplate};
+pub use error::TrackerError;
+pub use tracker::{Context, Tracker};

@@ -14,6 +14,8 @@ pub struct Command {
     pub target_base_from_probe: Option<Pose>,
     /// Speed at which the needle is to be fed, ≥ 0; 0 stops it.
     pub feed_m_s: f64,
+    /// Time the controller needed by its own clock, microseconds; for reports only, never for the state.
+    pub compute_us: f32,
 }
 
 /// Why a run ended.

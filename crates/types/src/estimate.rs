@@ -53,7 +53,8 @@ pub struct Estimate {
     pub ncc_previous: Option<f64>,
     /// NCC with the first template T_1, −1…1; `None` when it could not be computed.
     pub ncc_anchor: Option<f64>,
-    /// rms of the difference to T_1 over the contrast of T_1 (weighted); 0 = same, ≥ 0.8 = gone.
+    /// rms of the difference to T_1 over the contrast of T_1 (weighted), more contrast than T_1 forgiven; 0 = same,
+    /// ≥ 0.8 = gone.
     pub brightness_ratio: Option<f64>,
     /// Weighted mean grey level at the tip, 0…255; falls with the distance to the plane.
     pub tip_level: Option<f64>,

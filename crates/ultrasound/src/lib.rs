@@ -1,1 +1,60 @@
-//! Under construction.
+//! Slice → Image: B-mode pictures with honest speckle.
+//!
+//! # Model
+//!
+//! Scatterers sit on a lattice fixed in the phantom, each with a complex Gaussian amplitude, so the field of
+//! any beam is Rayleigh and moves with the tissue. A scatterer at (x, e, z) of the probe frame adds
+//!
+//! `a · w(e; z) · L(u − x) · P(v − z) · exp(−i·2k·z)`
+//!
+//! to the baseband field at the pixel whose centre is (u, v), with Gaussian elevational, lateral and axial
+//! profiles that all act on the two-way *amplitude*: σ is the −6 dB amplitude width over 2.355. Each profile is
+//! scaled to unit energy, which is what an equalised scanner shows: speckle of unit backscatter has rms 1 at
+//! every depth before attenuation, and a small target stands out more where the slice is thin.
+//!
+//! # Stages
+//!
+//! [`Renderer`] runs them in this order; the fast path is the *shear-column splat*. The working grid is laid
+//! along the phantom's columns: lines one pixel apart, sheared with the tilt, rows one lattice step apart.
+//! Along a column the line fraction, the depth fraction and the phase are then constant, and a column is one
+//! multiply-add of a shared noise tape into two lines.
+//!
+//! | file | does |
+//! |---|---|
+//! | `beam` | widths, wavelength, units of amplitude |
+//! | `lattice`, `columns` | scatterers of the phantom; materials along a column, cached |
+//! | `tape` | the noise tape, with carrier and sub-row delays of one tilt |
+//! | `shear` | working grid of one pose |
+//! | `elevation` | weights by elevation and row |
+//! | `jobs`, `splat` | which stretch of tape goes where; adding it |
+//! | `lateral`, `axial` | dual beam filter per row; pulse onto the display rows |
+//! | `needle`, `stamp` | echoes of the steel; their exact point spread added to the field |
+//! | `gain` | attenuation along the plane, contact |
+//! | `display` | noise, compensation, logarithm, grey levels |
+//! | [`reference`](mod@reference) | the same field by direct summation, slow, for tests |
+//!
+//! # Left out
+//!
+//! Tissue is rigid: it does not deform under probe or needle. The picture uses the assumed sound speed
+//! throughout, so materials neither refract nor stretch depth. The centre frequency does not fall with depth.
+//! The needle throws no shadow. Blind elements dim the lines but do not widen the beam. Tissue is not drawn
+//! for a probe tilted by more than 60° out of the phantom's vertical.
+
+mod axial;
+mod beam;
+mod columns;
+mod display;
+mod elevation;
+mod gain;
+mod jobs;
+mod lateral;
+mod lattice;
+mod needle;
+pub mod reference;
+mod renderer;
+mod shear;
+mod splat;
+mod stamp;
+mod tape;
+
+pub use renderer::{Field, Renderer};

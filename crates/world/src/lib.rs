@@ -1,1 +1,48 @@
-//! Under construction.
+//! Phantom, needle, arm, contact and disturbances: `Command → Slice + truth`.
+//!
+//! [`World`] advances in ticks of one millisecond. It holds two versions of everything that a real rig
+//! cannot know exactly: what is true, which goes into [`Slice`](sonoloop_types::Slice) and
+//! [`Truth`](sonoloop_types::Truth), and what is measured, which goes into
+//! [`Setup`](sonoloop_types::Setup) and [`Acquisition`](sonoloop_types::Acquisition). The difference is drawn
+//! from the scenario's seed, and grows when the probe slips in its holder.
+//!
+//! | module | holds |
+//! |---|---|
+//! | `chain`, `ik`, `motion`, `arm` | joints of the URDF, inverse kinematics, jerk-limited motion, set point and status |
+//! | `contact`, `press` | flat punch on gel, force control along the probe's axis |
+//! | `needle` | path of the tip, feed of the needle robot |
+//! | `phantom` | columns of materials for the renderer |
+//! | `scene` | rapier bodies: who comes too near to whom |
+//! | `hidden`, `placement`, `model` | errors drawn from the seed, the operator's placement, checks before the start |
+//! | `timeline`, `inbox` | disturbances, commands on their way |
+//! | `truth`, `world` | visibility, the tick itself |
+//!
+//! Limits of this version: the tissue in the picture is not deformed by the probe (the force is), the
+//! phantom does not move, the shaft lies in the swept path of the tip, and a hand cannot insert the needle.
+//! Housing, table and the constants of contact are assumed; each says so where it stands.
+
+mod arm;
+mod chain;
+mod contact;
+mod error;
+#[cfg(test)]
+mod fixture;
+mod hidden;
+mod ik;
+mod inbox;
+mod model;
+mod motion;
+mod needle;
+mod phantom;
+mod placement;
+mod press;
+mod scene;
+mod timeline;
+mod truth;
+mod world;
+
+pub use error::WorldError;
+pub use ik::Unreachable;
+pub use model::PROTOCOL;
+pub use phantom::tissue;
+pub use world::World;

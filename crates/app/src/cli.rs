@@ -1,0 +1,202 @@
+//! The command line, as [`clap`] sees it.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Simulation in the loop for robotic ultrasound needle guidance.
+#[derive(Debug, Parser)]
+#[command(name = "sonoloop", version, about, arg_required_else_help = true, after_help = EXAMPLES)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sonoloop run scenarios/lateral_recovery.yaml --out out/recovery
+  sonoloop run scenarios/lateral_plain.yaml --seed 7 --set servo.dither_mm=0.2 --json
+  sonoloop suite scenarios --seeds 10
+  sonoloop render phantoms/gelatin_agar_heterogeneous.yaml --needle-angle-deg 40 --out picture.png
+  sonoloop track recording.mha --init 238.1,327.6 --out out/track
+
+Exit codes: 0 pass, 1 an expectation failed, 2 bad input, 3 runtime fault.
+Not for clinical use.";
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run a scenario: two processes, progress, metrics, verdict
+    Run(RunArgs),
+    /// Run every scenario below the given paths, one line each
+    Suite(SuiteArgs),
+    /// The simulator's half: wait for a tracker started elsewhere, then run
+    Sim(SimArgs),
+    /// The tracker's half (--domain), or the tracker alone on recorded images (SEQUENCE --init U,V)
+    Track(TrackArgs),
+    /// Render one image of a phantom as PNG
+    Render(RenderArgs),
+    /// Check scenario files without running them
+    Check(CheckArgs),
+    /// Show what is in the box: scenarios, robots, probes, needles, phantoms
+    List(ListArgs),
+    /// Remove shared memory left over by killed runs; live runs are not touched
+    Clean,
+}
+
+/// Which experiment, and what to change in it.
+#[derive(Debug, Args)]
+pub struct ScenarioArgs {
+    /// Scenario file
+    pub file: PathBuf,
+    /// Seed of everything random; the file's own when absent
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Override any value of the file, e.g. --set servo.dither_mm=0.2
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// Where results go.
+#[derive(Debug, Args)]
+pub struct OutputArgs {
+    /// Folder for summary, tables, plots, report and video
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Also write every image to sequence.mha (with --out)
+    #[arg(long, requires = "out")]
+    pub record: bool,
+    /// Print the summary as JSON, and nothing else, on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+    /// Where results go.
+    #[command(flatten)]
+    pub output: OutputArgs,
+    /// One process without shared memory; the same bytes
+    #[arg(long)]
+    pub in_process: bool,
+    /// Own tracker: a command that joins through SONOLOOP_DOMAIN and SONOLOOP_ROOT; "none" for no tracker; or one
+    /// of the trackers that do not look: dead-reckoning, always-tracking, always-lost
+    #[arg(long, value_name = "CMD", conflicts_with = "in_process")]
+    pub tracker: Option<String>,
+}
+
+/// Arguments of `suite`.
+#[derive(Debug, Args)]
+pub struct SuiteArgs {
+    /// Scenario files, or folders that are searched for *.yaml
+    #[arg(required = true)]
+    pub paths: Vec<PathBuf>,
+    /// Runs at a time
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub jobs: u16,
+    /// Seeds per scenario, counted from the file's own
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    pub seeds: u16,
+    /// Override a value in every scenario
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Write the results as JUnit XML
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// Print the results as JSON, and nothing else, on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `sim`.
+#[derive(Debug, Args)]
+pub struct SimArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+    /// Where results go.
+    #[command(flatten)]
+    pub output: OutputArgs,
+    /// Seconds to wait for a tracker
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub wait_s: u64,
+}
+
+/// Arguments of `track`.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct TrackArgs {
+    /// Join the run with this domain (SONOLOOP_DOMAIN)
+    #[arg(long, requires = "root")]
+    pub domain: Option<String>,
+    /// Root folder of that run (SONOLOOP_ROOT)
+    #[arg(long)]
+    pub root: Option<PathBuf>,
+    /// With --domain: answer as one of the trackers that do not look
+    #[arg(long, value_name = "NAME", requires = "domain")]
+    pub null: Option<String>,
+}
+
+/// Arguments of `render`.
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// Phantom file
+    pub phantom: PathBuf,
+    /// Probe file
+    #[arg(long, default_value = "robots/probes/l12_3v.yaml")]
+    pub probe: PathBuf,
+    /// Needle file
+    #[arg(long, default_value = "robots/needles/22g_150mm.yaml")]
+    pub needle: PathBuf,
+    /// Middle of the probe along the phantom's x
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub x_mm: f64,
+    /// Middle of the probe along the phantom's y
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub y_mm: f64,
+    /// Turn about the vertical
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub yaw_deg: f64,
+    /// Lean of the plane in elevation
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub tilt_deg: f64,
+    /// Put a needle into the picture, this far below the horizontal
+    #[arg(long, allow_negative_numbers = true)]
+    pub needle_angle_deg: Option<f64>,
+    /// Depth of the needle's tip below the probe
+    #[arg(long, default_value_t = 25.0)]
+    pub tip_depth_mm: f64,
+    /// Distance of the needle from the plane
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub offset_mm: f64,
+    /// Let the needle cross the plane instead of lying in it
+    #[arg(long)]
+    pub transverse: bool,
+    /// Seed of the speckle
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// The picture to write
+    #[arg(long, value_name = "FILE", default_value = "render.png")]
+    pub out: PathBuf,
+}
+
+/// Arguments of `check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// Scenario files, or folders that are searched for *.yaml
+    #[arg(required = true)]
+    pub paths: Vec<PathBuf>,
+}
+
+/// Arguments of `list`.
+#[derive(Debug, Args)]
+pub struct ListArgs {
+    /// Folder that holds scenarios, robots and phantoms
+    #[arg(default_value = ".")]
+    pub folder: PathBuf,
+}

@@ -1,0 +1,29 @@
+//! One file per command.
+
+mod check;
+mod clean;
+mod list;
+mod render;
+mod run;
+mod sim;
+mod suite;
+mod track;
+
+use crate::cli::Command;
+use crate::error::{AppError, Outcome};
+
+pub use run::{Finished, execute_in_process};
+
+/// Does what the command line asks.
+pub fn dispatch(command: Command) -> Result<Outcome, AppError> {
+    match command {
+        Command::Run(args) => run::run(&args),
+        Command::Suite(args) => suite::suite(&args),
+        Command::Sim(args) => sim::sim(&args),
+        Command::Track(args) => track::track(args),
+        Command::Render(args) => render::render(&args),
+        Command::Check(args) => check::check(&args),
+        Command::List(args) => list::list(&args),
+        Command::Clean => clean::clean(),
+    }
+}

@@ -1,0 +1,141 @@
+//! `sonoloop run`: one scenario, from file to verdict.
+
+use sonoloop_scenario::Scenario;
+
+use crate::cli::{OutputArgs, RunArgs};
+use crate::controller::ControllerKind;
+use crate::error::{AppError, Outcome};
+use crate::judge::{Facts, Judged, Metrics, metrics, passes, verdict};
+use crate::null::Null;
+use crate::output::{self, Summary};
+use crate::peer::{InProcess, NoTracker, Peer};
+use crate::progress::Progress;
+use crate::record::{ImageStore, Recording};
+use crate::remote::{Remote, TrackerProcess};
+use crate::scenarios::prepare;
+use crate::session::{Nobody, Session, needs_checkpoints};
+
+/// A run that is over, judged.
+pub struct Finished {
+    /// `summary.json`'s content.
+    pub summary: Summary,
+}
+
+impl Finished {
+    /// True when every expectation held.
+    pub fn passed(&self) -> bool {
+        passes(&self.summary.expectations)
+    }
+
+    /// The expectations that failed, as short sentences.
+    pub fn failed(&self) -> Vec<String> {
+        self.summary.expectations.iter().filter(|j| !j.pass).map(output::failure_text).collect()
+    }
+}
+
+/// Runs and judges a prepared scenario in this process, without progress or files.
+pub fn execute_in_process(
+    scenario: &Scenario,
+    session: Session,
+    kind: ControllerKind,
+) -> Result<Finished, AppError> {
+    let mut peer = InProcess::new(kind, needs_checkpoints(scenario));
+    let (recording, error) = session.run(RUN_ID, &mut peer, &mut Nobody, None);
+    if let Some(error) = error {
+        return Err(AppError::fault(error));
+    }
+    let (metrics, judged) = judge(scenario, &recording);
+    let Scenario { name, seed, .. } = scenario;
+    Ok(Finished { summary: Summary::new(name, *seed, VERSION, &metrics, &judged, &recording.timing) })
+}
+
+/// Version of the program.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Every message of a run carries its id. Domains keep runs apart, so the id only has to differ from zero.
+pub const RUN_ID: u64 = 1;
+
+/// Runs one scenario as the command line says.
+pub fn run(args: &RunArgs) -> Result<Outcome, AppError> {
+    let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
+    let keeps = needs_checkpoints(&scenario);
+    let peer: Box<dyn Peer> = match args.tracker.as_deref() {
+        _ if args.in_process => Box::new(InProcess::new(ControllerKind::Tracker, keeps)),
+        Some("none") => Box::new(NoTracker),
+        None => Box::new(remote(TrackerProcess::Own(None))?),
+        Some(name) if Null::from_name(name).is_some() => {
+            Box::new(remote(TrackerProcess::Own(Some(name.to_owned())))?)
+        }
+        Some(command) => Box::new(remote(TrackerProcess::Command(command.to_owned()))?),
+    };
+    finish(&scenario, session, peer, &args.output)
+}
+
+fn remote(process: TrackerProcess) -> Result<Remote, AppError> {
+    Remote::create(process).map_err(AppError::fault)
+}
+
+/// Runs a prepared scenario against a peer with progress, prints, writes files, and says how it came out.
+pub fn finish(
+    scenario: &Scenario,
+    session: Session,
+    mut peer: Box<dyn Peer>,
+    args: &OutputArgs,
+) -> Result<Outcome, AppError> {
+    let pixels =
+        args.out.as_ref().map(|_| ImageStore::new()).transpose().map_err(|e| {
+            AppError::Fault(format!("the pictures cannot be kept in the temporary folder: {e}"))
+        })?;
+    let mut progress = Progress::new(scenario);
+    let (recording, error) = session.run(RUN_ID, peer.as_mut(), &mut progress, pixels);
+    // Shared memory is gone before files are written: a full disk must not leave it behind.
+    drop(peer);
+    progress.finish();
+    let (metrics, judged) = judge(scenario, &recording);
+    let outcome = output::Outcome {
+        scenario,
+        recording: &recording,
+        metrics: &metrics,
+        judged: &judged,
+        version: VERSION,
+    };
+    if let Some(folder) = &args.out {
+        let video = output::write_outcome(folder, &outcome).map_err(AppError::fault)?;
+        let video = video.map_or_else(String::new, |video| format!(" ({video})"));
+        eprintln!("{}{video}", folder.display());
+    }
+    if let Some(error) = error {
+        return Err(AppError::Fault(format!("the run ended early and is not comparable: {error}")));
+    }
+    let summary = outcome.summary();
+    if args.json {
+        print!("{}", summary.to_json());
+    } else {
+        print!("{}", output::metrics_table(&metrics, &judged));
+        println!("{}", speed_text(&summary));
+        println!("{}  seed {}  {}", scenario.name, scenario.seed, output::verdict_text(&judged));
+    }
+    Ok(if passes(&judged) { Outcome::Pass } else { Outcome::Fail })
+}
+
+fn judge(scenario: &Scenario, recording: &Recording) -> (Metrics, Vec<Judged>) {
+    let metrics = metrics(recording, &Facts::of(scenario));
+    let judged = verdict(&metrics, &scenario.expect);
+    (metrics, judged)
+}
+
+/// One line on speed: what the run cost and which part of it took the time.
+fn speed_text(summary: &Summary) -> String {
+    let timing = &summary.timing;
+    let number = |value: Option<f64>, unit: &str| value.map_or("-".to_owned(), |v| format!("{v:.2} {unit}"));
+    format!(
+        "  real-time factor {}: {:.2} s simulated in {:.2} s; per image render {}, physics {}, tracking {}, wire {}",
+        timing.realtime_factor.map_or("-".to_owned(), |f| format!("{f:.1}")),
+        timing.simulated_s,
+        timing.wall_s,
+        number(timing.render_ms_p50, "ms"),
+        number(timing.physics_ms_p50, "ms"),
+        number(timing.track_us_p50, "µs"),
+        number(timing.wire_us_p50, "µs"),
+    )
+}

@@ -1,0 +1,24 @@
+//! `sonoloop sim`: the simulator's half, for a tracker that is started elsewhere.
+
+use std::time::Duration;
+
+use super::run::finish;
+use crate::cli::SimArgs;
+use crate::error::{AppError, Outcome};
+use crate::remote::{Remote, TrackerProcess};
+use crate::scenarios::prepare;
+
+/// Creates the domain, says how to join it, waits, runs.
+pub fn sim(args: &SimArgs) -> Result<Outcome, AppError> {
+    let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
+    let process = TrackerProcess::Elsewhere { wait: Duration::from_secs(args.wait_s) };
+    let remote = Remote::create(process).map_err(AppError::fault)?;
+    let domain = remote.domain();
+    eprintln!(
+        "waiting {} s for a tracker; join with\n  sonoloop track --domain {} --root {}",
+        args.wait_s,
+        domain.name(),
+        domain.root().display()
+    );
+    finish(&scenario, session, Box::new(remote), &args.output)
+}

@@ -1,0 +1,137 @@
+//! `sonoloop suite`: many scenarios, many seeds, one line each.
+//!
+//! Runs are in-process (the bytes are the same as in two processes) and share the cores through `--jobs`.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use serde_json::json;
+
+use super::run::{Finished, execute_in_process};
+use crate::cli::SuiteArgs;
+use crate::controller::ControllerKind;
+use crate::error::{AppError, Outcome};
+use crate::output::{Case as JunitCase, CaseResult, junit_xml, wilson};
+use crate::scenarios::{find, prepare};
+
+struct Case {
+    file: PathBuf,
+    name: String,
+    seed: u64,
+}
+
+/// Runs them all; fails when one fails.
+pub fn suite(args: &SuiteArgs) -> Result<Outcome, AppError> {
+    let mut cases = Vec::new();
+    for file in find(&args.paths)? {
+        // Everything is checked before anything runs.
+        let (scenario, _) = prepare(&file, None, &args.set)?;
+        for k in 0..u64::from(args.seeds) {
+            let seed = scenario.seed + k;
+            if k > 0 {
+                prepare(&file, Some(seed), &args.set)?;
+            }
+            cases.push(Case { file: file.clone(), name: scenario.name.clone(), seed });
+        }
+    }
+
+    let next = AtomicUsize::new(0);
+    let results: Mutex<Vec<Option<Result<Finished, AppError>>>> =
+        Mutex::new(std::iter::repeat_with(|| None).take(cases.len()).collect());
+    std::thread::scope(|scope| {
+        for _ in 0..usize::from(args.jobs).min(cases.len()) {
+            scope.spawn(|| {
+                loop {
+                    let k = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(case) = cases.get(k) else { break };
+                    let result =
+                        prepare(&case.file, Some(case.seed), &args.set).and_then(|(scenario, session)| {
+                            execute_in_process(&scenario, session, ControllerKind::Tracker)
+                        });
+                    eprintln!("{}", line(case, &result));
+                    results.lock().expect("no holder panics")[k] = Some(result);
+                }
+            });
+        }
+    });
+    let results = results.into_inner().expect("no holder panics");
+    let results: Vec<_> = results.into_iter().map(|r| r.expect("every case was run")).collect();
+    report(args, &cases, &results)
+}
+
+fn line(case: &Case, result: &Result<Finished, AppError>) -> String {
+    let name = format!("{} seed {}", case.file.display(), case.seed);
+    match result {
+        Ok(finished) => {
+            let failed = finished.failed();
+            let verdict = if failed.is_empty() { "PASS" } else { "FAIL" };
+            format!(
+                "{verdict}  {name:<52} {:5.1}×  {}",
+                finished.summary.timing.realtime_factor.unwrap_or(0.0),
+                failed.join(", ")
+            )
+        }
+        Err(error) => format!("ERROR {name:<52} {error}"),
+    }
+}
+
+fn report(
+    args: &SuiteArgs,
+    cases: &[Case],
+    results: &[Result<Finished, AppError>],
+) -> Result<Outcome, AppError> {
+    let mut per_file: BTreeMap<String, (u64, u64)> = BTreeMap::new();
+    for (case, result) in cases.iter().zip(results) {
+        let entry = per_file.entry(case.file.display().to_string()).or_default();
+        entry.1 += 1;
+        entry.0 += u64::from(matches!(result, Ok(finished) if finished.passed()));
+    }
+    let rates: Vec<_> = per_file
+        .iter()
+        .map(|(file, &(passed, runs))| {
+            let (low, high) = wilson(passed, runs);
+            json!({"scenario": file, "passed": passed, "runs": runs, "wilson_low": low, "wilson_high": high})
+        })
+        .collect();
+    if args.json {
+        let runs: Vec<_> = cases
+            .iter()
+            .zip(results)
+            .map(|(case, result)| match result {
+                Ok(finished) => json!(finished.summary),
+                Err(error) => json!({"scenario": case.file, "seed": case.seed, "error": error.to_string()}),
+            })
+            .collect();
+        println!("{}", json!({"runs": runs, "rates": rates}));
+    } else {
+        for (file, (passed, runs)) in &per_file {
+            let (low, high) = wilson(*passed, *runs);
+            println!("{file:<44} {passed:>3}/{runs:<3}  95 % interval {low:.3}–{high:.3}");
+        }
+    }
+    if let Some(file) = &args.junit {
+        let cases: Vec<JunitCase> = cases
+            .iter()
+            .zip(results)
+            .map(|(case, result)| JunitCase {
+                file: case.file.display().to_string(),
+                name: format!("{} seed {}", case.name, case.seed),
+                wall_s: result.as_ref().map_or(0.0, |f| f.summary.timing.wall_s),
+                result: match result {
+                    Ok(f) if f.passed() => CaseResult::Passed,
+                    Ok(f) => CaseResult::Failed(f.failed()),
+                    Err(error) => CaseResult::Error(error.to_string()),
+                },
+            })
+            .collect();
+        std::fs::write(file, junit_xml("sonoloop", &cases))
+            .map_err(|e| AppError::Fault(format!("{}: {e}", file.display())))?;
+    }
+    if let Some(Err(error)) = results.iter().find(|r| r.is_err()) {
+        return Err(AppError::Fault(error.to_string()));
+    }
+    let all = results.iter().all(|r| matches!(r, Ok(f) if f.passed()));
+    Ok(if all { Outcome::Pass } else { Outcome::Fail })
+}

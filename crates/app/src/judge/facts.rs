@@ -1,0 +1,37 @@
+use sonoloop_scenario::{Bound, Scenario};
+use sonoloop_types::ImageGeometry;
+
+/// Silent loss that a success allows when the scenario bounds none.
+const DEFAULT_SILENT_LOSS_S: f64 = 0.5;
+
+/// What the metrics need to know of the experiment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Facts {
+    /// Picture layout; its spacing turns pixels into metres.
+    pub geometry: ImageGeometry,
+    /// Ticks between images.
+    pub image_period_ticks: u64,
+    /// Success: the tip ends within this distance of the target.
+    pub target_tolerance_m: f64,
+    /// Success: the contact force never exceeds this.
+    pub max_contact_force_n: f64,
+    /// Success: silent loss at most this long.
+    pub silent_loss_bound_s: f64,
+}
+
+impl Facts {
+    /// The facts of a scenario. Its own `expect` bound on `silent_loss_s` counts, else 0.5 s.
+    pub fn of(scenario: &Scenario) -> Self {
+        let bounded = scenario.expect.iter().find_map(|expectation| match expectation.bound {
+            Bound::Range { max: Some(max), .. } if expectation.metric == "silent_loss_s" => Some(max),
+            _ => None,
+        });
+        Self {
+            geometry: scenario.probe.geometry,
+            image_period_ticks: scenario.image_period_ticks,
+            target_tolerance_m: scenario.insertion.target_tolerance_m,
+            max_contact_force_n: scenario.limits.max_contact_force_n,
+            silent_loss_bound_s: bounded.unwrap_or(DEFAULT_SILENT_LOSS_S),
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The files of `--out DIR`, and what a run prints.
+
+mod animation;
+mod canvas;
+mod charts;
+mod colour;
+mod csv;
+mod error;
+mod junit;
+mod keys;
+mod overlay;
+mod plot;
+mod png;
+mod report;
+mod stage;
+mod summary;
+mod table;
+#[cfg(test)]
+pub(crate) mod test_run;
+#[cfg(test)]
+mod tests;
+mod video;
+mod wilson;
+
+pub use csv::{events_csv, images_csv};
+pub use error::OutputError;
+pub use junit::{Case, CaseResult, junit_xml};
+pub use overlay::{Display, Scale};
+pub use png::write_png;
+pub use stage::Stage;
+pub use summary::{Summary, TimingSummary};
+pub use table::{bound_text, failure_text, metrics_table, value_text, verdict_text};
+pub use video::VideoKind;
+pub use wilson::wilson;
+
+use std::path::Path;
+
+use sonoloop_scenario::Scenario;
+
+use crate::judge::{Judged, Metrics};
+use crate::record::Recording;
+use report::report_html;
+use video::{Frames, GIF, MP4, write_video};
+
+/// A run and its verdict, ready to be written.
+#[derive(Debug, Clone, Copy)]
+pub struct Outcome<'a> {
+    /// What was run.
+    pub scenario: &'a Scenario,
+    /// What it left.
+    pub recording: &'a Recording,
+    /// What that was worth.
+    pub metrics: &'a Metrics,
+    /// Against what was expected.
+    pub judged: &'a [Judged],
+    /// Version of the program.
+    pub version: &'a str,
+}
+
+/// Every name that [`write_outcome`] may use; an older run's files of these names do not survive it.
+/// `sequence.mha` is the caller's: see [`write_outcome_with`].
+const NAMES: [&str; 9] = [
+    "images.csv",
+    "events.csv",
+    "scenario.yaml",
+    "tracking.svg",
+    "insertion.svg",
+    "report.html",
+    "sequence.mha",
+    MP4,
+    GIF,
+];
+
+impl Outcome<'_> {
+    /// `summary.json`'s content.
+    pub fn summary(&self) -> Summary {
+        let Scenario { name, seed, .. } = self.scenario;
+        Summary::new(name, *seed, self.version, self.metrics, self.judged, &self.recording.timing)
+    }
+}
+
+/// Writes all files of a run into `folder`, each complete before it gets its name. Says which kind of video
+/// was written; `None` when the recording holds no pictures.
+pub fn write_outcome(folder: &Path, outcome: &Outcome<'_>) -> Result<Option<VideoKind>, OutputError> {
+    write_outcome_with(folder, outcome, |_| Ok(()))
+}
+
+/// As [`write_outcome`]; `more` may add files (`sequence.mha`) before any gets its name.
+pub fn write_outcome_with(
+    folder: &Path,
+    outcome: &Outcome<'_>,
+    more: impl FnOnce(&Stage) -> Result<(), OutputError>,
+) -> Result<Option<VideoKind>, OutputError> {
+    let Outcome { scenario, recording, version, .. } = *outcome;
+    let stage = Stage::new(folder)?;
+    stage.write("images.csv", images_csv(&recording.images))?;
+    stage.write("events.csv", events_csv(&recording.events))?;
+    stage.write("scenario.yaml", resolved_yaml(scenario, version))?;
+    let tracking_svg = charts::tracking_svg(scenario, recording);
+    let insertion_svg = charts::insertion_svg(scenario, recording);
+    stage.write("tracking.svg", &tracking_svg)?;
+    stage.write("insertion.svg", &insertion_svg)?;
+
+    let display = Display::new(scenario, recording);
+    let period_ticks = scenario.image_period_ticks;
+    let frames = recording
+        .pixels
+        .as_ref()
+        .map(|pixels| Frames::new(&recording.images, pixels, &display, period_ticks));
+    let video = frames.as_ref().map_or(Ok(None), |frames| write_video(&stage, frames))?;
+    let plots = [tracking_svg.as_str(), insertion_svg.as_str()];
+    stage.write("report.html", report_html(outcome, frames.as_ref(), &plots, video.as_ref())?)?;
+    more(&stage)?;
+    stage.write("summary.json", outcome.summary().to_json())?;
+    stage.publish(&NAMES)?;
+    Ok(video)
+}
+
+/// The resolved file, headed by what made it.
+fn resolved_yaml(scenario: &Scenario, version: &str) -> String {
+    let Scenario { name, seed, resolved_yaml, .. } = scenario;
+    format!("# {name}, seed {seed}, resolved by sonoloop {version}\n{resolved_yaml}")
+}

@@ -1,0 +1,143 @@
+use serde::Serialize;
+
+use crate::judge::{Judged, Metrics, passes};
+use crate::record::Timing;
+
+/// `summary.json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Version of the program.
+    pub version: String,
+    /// `pass` or `fail`.
+    pub verdict: &'static str,
+    /// Every expectation and what became of it.
+    pub expectations: Vec<Judged>,
+    /// All metrics; null without a value.
+    pub metrics: Metrics,
+    /// How long it took.
+    pub timing: TimingSummary,
+}
+
+impl Summary {
+    /// Sums up a judged run.
+    pub fn new(
+        scenario: &str,
+        seed: u64,
+        version: &str,
+        metrics: &Metrics,
+        judged: &[Judged],
+        timing: &Timing,
+    ) -> Self {
+        Self {
+            scenario: scenario.to_owned(),
+            seed,
+            version: version.to_owned(),
+            verdict: if passes(judged) { "pass" } else { "fail" },
+            expectations: judged.to_vec(),
+            metrics: *metrics,
+            timing: TimingSummary::of(timing),
+        }
+    }
+
+    /// The file's bytes: indented, in the order above, a line break at the end.
+    pub fn to_json(&self) -> String {
+        let json = serde_json::to_string_pretty(self).unwrap_or_default();
+        format!("{json}\n")
+    }
+}
+
+/// Medians and totals of [`Timing`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TimingSummary {
+    /// Median time to render an image.
+    pub render_ms_p50: Option<f64>,
+    /// Median time to step the world to the next image.
+    pub physics_ms_p50: Option<f64>,
+    /// Median time of tracker and servo per image.
+    pub track_us_p50: Option<f64>,
+    /// Median time an image and its answer spend on the way.
+    pub wire_us_p50: Option<f64>,
+    /// From the first image published to the last answer, by the clock.
+    pub wall_s: f64,
+    /// Simulated time over the same stretch.
+    pub simulated_s: f64,
+    /// Simulated over wall-clock time.
+    pub realtime_factor: Option<f64>,
+}
+
+impl TimingSummary {
+    /// Sums up a run's timing; a median of nothing is `None`.
+    pub fn of(timing: &Timing) -> Self {
+        Self {
+            render_ms_p50: median(&timing.render_ms),
+            physics_ms_p50: median(&timing.physics_ms),
+            track_us_p50: median(&timing.track_us),
+            wire_us_p50: median(&timing.wire_us),
+            wall_s: timing.wall_s,
+            simulated_s: timing.simulated_s,
+            realtime_factor: (timing.wall_s > 0.0).then(|| timing.simulated_s / timing.wall_s),
+        }
+    }
+}
+
+fn median(values: &[f32]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let middle = sorted.len() / 2;
+    let upper = f64::from(*sorted.get(middle)?);
+    Some(if sorted.len() % 2 == 1 { upper } else { (f64::from(sorted[middle - 1]) + upper) / 2.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::judge::test_recording::{facts, scripted};
+    use crate::judge::{metrics, verdict};
+
+    #[test]
+    fn summary_has_the_shape_of_the_contract() {
+        let mut recording = scripted("---", "SSS");
+        recording.end = sonoloop_types::EndReason::Interrupted;
+        let metrics = metrics(&recording, &facts());
+        let timing = Timing {
+            render_ms: vec![3.0, 1.0, 2.0, 9.0],
+            wall_s: 2.0,
+            simulated_s: 12.0,
+            ..Timing::default()
+        };
+        let summary = Summary::new("plain", 7, "0.1.0", &metrics, &verdict(&metrics, &[]), &timing);
+        let json: serde_json::Value = serde_json::from_str(&summary.to_json()).unwrap();
+        let keys = |value: &serde_json::Value| -> Vec<String> {
+            value.as_object().unwrap().keys().cloned().collect()
+        };
+        let mut top = keys(&json);
+        top.sort();
+        assert_eq!(top, ["expectations", "metrics", "scenario", "seed", "timing", "verdict", "version"]);
+        let mut timing = keys(&json["timing"]);
+        timing.sort();
+        assert_eq!(
+            timing,
+            [
+                "physics_ms_p50",
+                "realtime_factor",
+                "render_ms_p50",
+                "simulated_s",
+                "track_us_p50",
+                "wall_s",
+                "wire_us_p50"
+            ]
+        );
+        assert_eq!(json["verdict"], "fail");
+        assert_eq!(json["metrics"]["tip_rmse_px"], serde_json::Value::Null);
+        assert_eq!(json["metrics"]["success"], false);
+        assert_eq!(json["expectations"][0]["metric"], "success");
+        assert_eq!(json["expectations"][0]["bound"], true);
+        assert_eq!(json["timing"]["render_ms_p50"], 2.5);
+        assert_eq!(json["timing"]["track_us_p50"], serde_json::Value::Null);
+        assert_eq!(json["timing"]["realtime_factor"], 6.0);
+    }
+}

@@ -1,0 +1,230 @@
+//! One run: the world is stepped, pictures are rendered and handed out, answers take effect.
+//!
+//! Simulated time waits for answers (lockstep), so nothing here depends on how fast anybody is.
+
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use sonoloop_scenario::{DisturbanceKind, Scenario};
+use sonoloop_types::{Acquisition, EndReason, Event, EventKind, Image, ImageGeometry, TrackState, Truth};
+use sonoloop_ultrasound::Renderer;
+use sonoloop_world::{World, WorldError};
+
+use crate::peer::{Peer, PeerError};
+use crate::record::{ImageRow, ImageStore, Recording, TickRow, Timing, image_hash};
+
+/// The needle has come to rest when it has not moved for this long.
+const REST_TICKS: u64 = 400;
+
+/// Somebody who watches a run without touching it.
+pub trait Watch {
+    /// After each picture (with its answer, when there is one).
+    fn image(&mut self, row: &ImageRow);
+    /// True when the user asked for the end.
+    fn interrupted(&mut self) -> bool {
+        false
+    }
+}
+
+/// Watches nothing.
+pub struct Nobody;
+
+impl Watch for Nobody {
+    fn image(&mut self, _row: &ImageRow) {}
+}
+
+/// A picture on its way to the tracker.
+struct InFlight {
+    publication_tick: u64,
+    sequence: u64,
+    image: Image,
+    hash: u64,
+    truth: Truth,
+    acquisition: Acquisition,
+}
+
+/// A scenario made ready: every check that needs the world has passed.
+pub struct Session {
+    world: World,
+    renderer: Renderer,
+    geometry: ImageGeometry,
+    image_period_ticks: u64,
+    duration_ticks: u64,
+    target_tolerance_m: f64,
+    spare: Vec<Image>,
+}
+
+impl Session {
+    /// Builds world and renderer; fails where a target cannot be reached.
+    pub fn new(scenario: &Scenario) -> Result<Self, WorldError> {
+        let world = World::new(scenario)?;
+        let renderer =
+            Renderer::new(scenario.probe.clone(), scenario.needle.clone(), world.tissue(), scenario.seed);
+        Ok(Self {
+            world,
+            renderer,
+            geometry: scenario.probe.geometry,
+            image_period_ticks: scenario.image_period_ticks,
+            duration_ticks: scenario.duration_ticks,
+            target_tolerance_m: scenario.insertion.target_tolerance_m,
+            spare: Vec::new(),
+        })
+    }
+
+    /// Runs to the end. The recording is whole up to the end whatever the reason; the error, when there is one,
+    /// says why it ended early. Pictures go into `pixels`, when given.
+    pub fn run(
+        mut self,
+        run_id: u64,
+        peer: &mut dyn Peer,
+        watch: &mut dyn Watch,
+        pixels: Option<ImageStore>,
+    ) -> (Recording, Option<PeerError>) {
+        let mut recording = Recording {
+            ticks: Vec::new(),
+            images: Vec::new(),
+            events: Vec::new(),
+            end: EndReason::TimeOver,
+            timing: Timing::default(),
+            pixels,
+        };
+        let error = self.run_into(&mut recording, run_id, peer, watch).err();
+        if let Some(error) = &error {
+            recording.end = error.end_reason();
+        }
+        recording.events.extend(self.world.drain_events());
+        let detail = format!("{:?}", recording.end);
+        recording.events.push(Event { tick: self.world.tick(), kind: EventKind::End, detail });
+        peer.end(recording.end);
+        (recording, error)
+    }
+
+    fn run_into(
+        &mut self,
+        recording: &mut Recording,
+        run_id: u64,
+        peer: &mut dyn Peer,
+        watch: &mut dyn Watch,
+    ) -> Result<(), PeerError> {
+        peer.start(&self.world.setup(run_id))?;
+        let mut in_flight: VecDeque<InFlight> = VecDeque::new();
+        let mut state = TrackState::Searching;
+        let mut down = false;
+        let mut rest_ticks = 0;
+        let mut was_fed = false;
+        let mut sequence = 0;
+        let mut physics_ms = 0.0;
+        let began = Instant::now();
+
+        for _ in 0..self.duration_ticks {
+            let tick = self.world.tick();
+            if self.world.tracker_down() != down {
+                down = !down;
+                if down { peer.kill()? } else { peer.restart()? }
+            }
+            if tick.is_multiple_of(self.image_period_ticks) {
+                if watch.interrupted() {
+                    return Err(PeerError::Interrupted);
+                }
+                if sequence > 0 {
+                    recording.timing.physics_ms.push(physics_ms);
+                    physics_ms = 0.0;
+                }
+                let image = self.acquire(sequence, &mut recording.timing);
+                in_flight.push_back(image);
+                sequence += 1;
+            }
+            while in_flight.front().is_some_and(|i| i.publication_tick <= tick) {
+                let Some(mut due) = in_flight.pop_front() else { break };
+                due.publication_tick = tick;
+                let row = self.hand_out(due, down, peer, watch, recording)?;
+                recording.timing.wall_s = began.elapsed().as_secs_f64();
+                if let Some(command) = &row.command
+                    && command.estimate.state != state
+                {
+                    state = command.estimate.state;
+                    let detail =
+                        format!("{:?}: {:?}, image {}", state, command.estimate.reason, command.answers);
+                    recording.events.push(Event { tick, kind: EventKind::StateChange, detail });
+                }
+                recording.images.push(row);
+            }
+            let truth = self.world.truth();
+            recording.ticks.push(TickRow::from(&truth));
+            recording.events.extend(self.world.drain_events());
+            let moving = truth.feed_m_s > 0.0;
+            was_fed |= moving;
+            rest_ticks = if moving { 0 } else { rest_ticks + 1 };
+            if was_fed && rest_ticks >= REST_TICKS && truth.target_distance_m <= self.target_tolerance_m {
+                recording.end = EndReason::TargetReached;
+                break;
+            }
+            let before = Instant::now();
+            self.world.step();
+            physics_ms += before.elapsed().as_secs_f32() * 1e3;
+        }
+        recording.timing.simulated_s = self.world.tick() as f64 / sonoloop_types::TICKS_PER_SECOND as f64;
+        Ok(())
+    }
+
+    fn acquire(&mut self, sequence: u64, timing: &mut Timing) -> InFlight {
+        let tick = self.world.tick();
+        let slice = self.world.slice(sequence);
+        let mut image =
+            self.spare.pop().unwrap_or_else(|| Image::black(self.geometry.width_px, self.geometry.height_px));
+        let before = Instant::now();
+        self.renderer.render(&slice, &mut image);
+        timing.render_ms.push(before.elapsed().as_secs_f32() * 1e3);
+        InFlight {
+            publication_tick: tick + self.world.image_delay_ticks(),
+            sequence,
+            hash: image_hash(&image),
+            image,
+            truth: self.world.truth(),
+            acquisition: self.world.acquisition(sequence),
+        }
+    }
+
+    fn hand_out(
+        &mut self,
+        due: InFlight,
+        down: bool,
+        peer: &mut dyn Peer,
+        watch: &mut dyn Watch,
+        recording: &mut Recording,
+    ) -> Result<ImageRow, PeerError> {
+        let acquisition = Acquisition { publication_tick: due.publication_tick, ..due.acquisition };
+        self.world.note_published(&acquisition);
+        let mut row = ImageRow { acquisition, hash: due.hash, truth: due.truth, command: None };
+        if !down {
+            let before = Instant::now();
+            if let Some(answer) = peer.exchange(&acquisition, &due.image)? {
+                let round_trip_us = before.elapsed().as_secs_f32() * 1e6;
+                match answer {
+                    Ok(command) => {
+                        recording.timing.track_us.push(command.compute_us);
+                        recording.timing.wire_us.push((round_trip_us - command.compute_us).max(0.0));
+                        self.world.submit(&command);
+                        row.command = Some(command);
+                    }
+                    Err(refusal) => {
+                        self.world.refuse(due.sequence, refusal);
+                    }
+                }
+            }
+        }
+        watch.image(&row);
+        if let Some(pixels) = &mut recording.pixels {
+            pixels
+                .push(&due.image)
+                .map_err(|e| PeerError::Fault(format!("the pictures cannot be kept: {e}")))?;
+        }
+        self.spare.push(due.image);
+        Ok(row)
+    }
+}
+
+/// True when a scenario will need the tracker's checkpoints.
+pub fn needs_checkpoints(scenario: &Scenario) -> bool {
+    scenario.disturbances.iter().any(|d| matches!(d.kind, DisturbanceKind::TrackerKilled { .. }))
+}

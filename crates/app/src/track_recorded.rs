@@ -1,0 +1,395 @@
+//! The tracker alone on a recorded sequence: `sonoloop track SEQUENCE --init U,V`.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use sonoloop_tracker::{Context, Tracker};
+use sonoloop_types::{
+    Estimate, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy,
+};
+
+use crate::error::AppError;
+use crate::sequence::Sequence;
+
+/// Name of the table in `--out DIR`.
+const TABLE: &str = "track.csv";
+
+/// What to track, and how.
+///
+/// Sequence and click are not marked as required so that the group as a whole can be left out; given in part, what
+/// is missing is asked for.
+#[derive(Debug, Clone, Args)]
+pub struct TrackRecorded {
+    /// Recorded images: an .mha file of the PLUS kind, or a folder of PNG files
+    #[arg(required = false)]
+    pub sequence: PathBuf,
+    /// The tip in the first image, in pixels with depth running down
+    #[arg(long, value_name = "U,V", required = false, value_parser = parse_px, allow_hyphen_values = true)]
+    pub init: Px,
+    /// Set of tracker settings to start from
+    #[arg(long, value_enum, default_value = "robust")]
+    pub profile: ProfileArg,
+    /// Side of the square template in pixels
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(8..=128))]
+    pub template: u32,
+    /// What is minimised: squared differences or conditional variances
+    #[arg(long, value_enum, default_value = "scv")]
+    pub similarity: SimilarityArg,
+    /// Gauss-Newton of first or second order
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub order: u8,
+    /// Motion of the template
+    #[arg(long, value_enum, default_value = "translation")]
+    pub warp: WarpArg,
+    /// How the template follows the tip's appearance
+    #[arg(long, value_enum, default_value = "drift-corrected")]
+    pub update: UpdateArg,
+    /// Folder for track.csv
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// A place (u, v) in a picture.
+pub type Px = [f64; 2];
+
+/// `--profile`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ProfileArg {
+    /// Narrow weights, brightness test, strict recovery
+    Robust,
+    /// What the paper says
+    Paper,
+}
+
+/// `--similarity`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SimilarityArg {
+    /// Sum of squared differences
+    Ssd,
+    /// Sum of conditional variances
+    Scv,
+}
+
+/// `--warp`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum WarpArg {
+    /// Two degrees of freedom
+    Translation,
+}
+
+/// `--update`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum UpdateArg {
+    /// The first template for ever
+    None,
+    /// The last image's patch
+    Naive,
+    /// The last image's patch, held to the first template
+    DriftCorrected,
+}
+
+fn parse_px(text: &str) -> Result<Px, String> {
+    let (u, v) = text.split_once(',').ok_or("must be U,V, for example 238.1,327.6")?;
+    let number = |text: &str| {
+        let parsed = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+        parsed.ok_or_else(|| format!("\"{}\" is not a number", text.trim()))
+    };
+    Ok([number(u)?, number(v)?])
+}
+
+impl TrackRecorded {
+    /// The tracker's settings that these arguments ask for.
+    pub fn settings(&self) -> TrackerSettings {
+        let profile = match self.profile {
+            ProfileArg::Robust => Profile::Robust,
+            ProfileArg::Paper => Profile::Paper,
+        };
+        let WarpArg::Translation = self.warp;
+        TrackerSettings {
+            similarity: match self.similarity {
+                SimilarityArg::Ssd => Similarity::Ssd,
+                SimilarityArg::Scv => Similarity::Scv,
+            },
+            optimisation: if self.order == 1 { Optimisation::FirstOrder } else { Optimisation::SecondOrder },
+            update: match self.update {
+                UpdateArg::None => UpdateStrategy::None,
+                UpdateArg::Naive => UpdateStrategy::Naive,
+                UpdateArg::DriftCorrected => UpdateStrategy::DriftCorrected,
+            },
+            ..TrackerSettings::profile(profile, self.template)
+        }
+    }
+}
+
+/// One line of the table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackedImage {
+    /// What the tracker said; image 0 is the one with the click.
+    pub estimate: Estimate,
+    /// How long it took, wall clock.
+    pub time_us: f64,
+}
+
+/// Tracks the sequence, writes `track.csv`, prints a short summary. Bad input leaves nothing behind.
+pub fn run(args: &TrackRecorded) -> Result<(), AppError> {
+    let rows = track(args)?;
+    if let Some(folder) = &args.out {
+        write_table(folder, &rows).map_err(|error| {
+            AppError::Fault(format!("error: {}: {error}", folder.join(TABLE).display()))
+        })?;
+    }
+    print!("{}", summary(&rows));
+    Ok(())
+}
+
+/// Tracks the whole sequence in memory.
+pub fn track(args: &TrackRecorded) -> Result<Vec<TrackedImage>, AppError> {
+    let bad = |error: &dyn std::fmt::Display| AppError::BadInput(format!("error: {error}"));
+    let mut sequence = Sequence::open(&args.sequence).map_err(|error| bad(&error))?;
+    let mut rows: Vec<TrackedImage> = Vec::with_capacity(sequence.image_count());
+    let mut tracker = None;
+    while let Some(image) = sequence.next_image().map_err(|error| bad(&error))? {
+        let start = Instant::now();
+        let estimate = match &mut tracker {
+            None => begin(args, &image, &mut tracker)?,
+            Some(tracker) => tracker.track(&image, &Context::default()),
+        };
+        rows.push(TrackedImage { estimate, time_us: start.elapsed().as_secs_f64() * 1e6 });
+    }
+    Ok(rows)
+}
+
+fn begin(args: &TrackRecorded, image: &Image, tracker: &mut Option<Tracker>) -> Result<Estimate, AppError> {
+    let made = Tracker::new(args.settings(), image, args.init).map_err(|error| {
+        let [u, v] = args.init;
+        AppError::BadInput(format!(
+            "error: {}: --init {u},{v} in an image of {} × {} px: {error}",
+            args.sequence.display(),
+            image.width_px,
+            image.height_px
+        ))
+    })?;
+    let estimate = made.last_estimate();
+    *tracker = Some(made);
+    Ok(estimate)
+}
+
+fn write_table(folder: &Path, rows: &[TrackedImage]) -> std::io::Result<()> {
+    fs::create_dir_all(folder)?;
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    file.write_all(table(rows).as_bytes())?;
+    #[cfg(unix)]
+    {
+        // Temporary files are private; a finished one is as readable as any other.
+        use std::os::unix::fs::PermissionsExt;
+        file.as_file().set_permissions(fs::Permissions::from_mode(0o644))?;
+    }
+    file.persist(folder.join(TABLE))?;
+    Ok(())
+}
+
+/// The table as text. A value that the tracker does not have is left empty.
+fn table(rows: &[TrackedImage]) -> String {
+    let mut text = String::from("image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us\n");
+    let number = |value: Option<f64>, digits: usize| value.map_or(String::new(), |v| format!("{v:.digits$}"));
+    for (image, TrackedImage { estimate, time_us }) in rows.iter().enumerate() {
+        let _ = writeln!(
+            text,
+            "{image},{},{},{},{},{},{},{time_us:.1}",
+            number(estimate.tip_px.map(|tip| tip[0]), 4),
+            number(estimate.tip_px.map(|tip| tip[1]), 4),
+            state_name(estimate.state),
+            number(estimate.ncc_previous, 6),
+            number(estimate.ncc_anchor, 6),
+            estimate.iterations,
+        );
+    }
+    text
+}
+
+fn state_name(state: TrackState) -> &'static str {
+    match state {
+        TrackState::Searching => "searching",
+        TrackState::Tracking => "tracking",
+        TrackState::Lost => "lost",
+        TrackState::Recovering => "recovering",
+    }
+}
+
+fn summary(rows: &[TrackedImage]) -> String {
+    let tracking = |row: &TrackedImage| row.estimate.state == TrackState::Tracking;
+    let losses = rows.windows(2).filter(|pair| tracking(&pair[0]) && !tracking(&pair[1])).count();
+    let mut times: Vec<f64> = rows.iter().skip(1).map(|row| row.time_us).collect();
+    times.sort_by(f64::total_cmp);
+    let median = times.get(times.len() / 2).map_or("none".to_owned(), |time| format!("{time:.0} µs"));
+    let share = 100.0 * rows.iter().filter(|row| tracking(row)).count() as f64 / rows.len().max(1) as f64;
+    format!(
+        "images            {}\ntracking          {share:.1} %\nlosses            {losses}\nmedian time       {median}\n",
+        rows.len()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::sequence::SequenceWriter;
+
+    #[derive(Debug, Parser)]
+    struct Cli {
+        #[command(flatten)]
+        recorded: Option<TrackRecorded>,
+        #[arg(long)]
+        domain: Option<String>,
+    }
+
+    fn args(sequence: &Path, more: &[&str]) -> TrackRecorded {
+        let start = ["track", sequence.to_str().unwrap()];
+        Cli::try_parse_from(start.iter().chain(more)).unwrap().recorded.unwrap()
+    }
+
+    /// A bright blob that moves over a slow texture.
+    fn image(k: u32) -> Image {
+        let tip = [40.0 + 2.0 * f64::from(k), 50.0 + f64::from(k)];
+        let level = |u: u32, v: u32| {
+            let (x, y) = (f64::from(u) - tip[0], f64::from(v) - tip[1]);
+            (40.0 + 15.0 * (f64::from(u) * 0.3).sin() * (f64::from(v) * 0.37).cos()
+                + 170.0 * (-(x * x) / 24.0 - y * y / 12.0).exp()) as u8
+        };
+        Image::from_pixels(160, 120, (0..120).flat_map(|v| (0..160).map(move |u| level(u, v))).collect()).unwrap()
+    }
+
+    fn sequence(folder: &Path) -> PathBuf {
+        let path = folder.join("blob.mha");
+        let mut writer = SequenceWriter::create(&path, [160, 120], 0.1).unwrap();
+        for k in 0..20 {
+            writer.push(&image(k), 0.04 * f64::from(k), &[], &[]).unwrap();
+        }
+        writer.finish().unwrap();
+        path
+    }
+
+    #[test]
+    fn a_recording_becomes_a_table() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("deep/out");
+        let path = sequence(folder.path());
+        for (profile, similarity, order) in [("robust", "scv", "2"), ("robust", "ssd", "1"), ("paper", "ssd", "2")] {
+            let args = args(
+                &path,
+                &["--init", "40,50", "--profile", profile, "--similarity", similarity, "--order", order, "--out"]
+                    .iter()
+                    .copied()
+                    .chain([out.to_str().unwrap()])
+                    .collect::<Vec<_>>(),
+            );
+            run(&args).unwrap();
+            let text = fs::read_to_string(out.join(TABLE)).unwrap();
+            let lines: Vec<&str> = text.lines().collect();
+            assert_eq!(lines[0], "image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us");
+            assert_eq!(lines.len(), 21);
+            assert!(lines[1].starts_with("0,40.0000,50.0000,tracking,1.000000,1.000000,0,"), "{}", lines[1]);
+            for (k, line) in lines[1..].iter().enumerate() {
+                let cells: Vec<&str> = line.split(',').collect();
+                assert_eq!(cells[0], k.to_string());
+                assert_eq!(cells[3], "tracking");
+                assert!((cells[1].parse::<f64>().unwrap() - 40.0 - 2.0 * k as f64).abs() < 1.0, "{line}");
+                assert!((cells[2].parse::<f64>().unwrap() - 50.0 - k as f64).abs() < 1.0, "{line}");
+            }
+        }
+        assert_eq!(fs::read_dir(&out).unwrap().count(), 1, "no temporary file is left");
+    }
+
+    #[test]
+    fn bad_input_is_named_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let path = sequence(folder.path());
+        let refused = |path: &Path, more: &[&str], expected: &str| {
+            let args = args(path, &[more, &["--out", out.to_str().unwrap()]].concat());
+            let error = run(&args).unwrap_err();
+            assert!(matches!(error, AppError::BadInput(_)));
+            let message = error.to_string();
+            assert!(message.contains(expected) && !message.contains('\n'), "{message}");
+            assert!(!out.exists());
+        };
+        refused(&path, &["--init", "400,50"], "--init 400,50 in an image of 160 × 120 px: tip (400, 50) px");
+        refused(&path, &["--init", "-4,50"], "--init -4,50");
+        refused(&path, &["--init", "80,60", "--template", "128"], "a template of 128 px does not fit");
+        let missing = folder.path().join("missing.mha");
+        refused(&missing, &["--init", "80,60"], "missing.mha: ");
+        let whole = fs::read(&path).unwrap();
+        let cut = folder.path().join("cut.mha");
+        fs::write(&cut, &whole[..whole.len() - 500]).unwrap();
+        refused(&cut, &["--init", "40,50"], "cut.mha: CompressedDataSize = ");
+    }
+
+    #[test]
+    fn the_group_may_be_left_out_but_not_given_in_part() {
+        assert!(Cli::try_parse_from(["track", "--domain", "d"]).unwrap().recorded.is_none());
+        for bad in [
+            &["track", "a.mha"][..],
+            &["track", "--init", "1,2"],
+            &["track", "a.mha", "--init", "1;2"],
+            &["track", "a.mha", "--init", "1,x"],
+            &["track", "a.mha", "--init", "1,NaN"],
+            &["track", "a.mha", "--init", "1,2", "--template", "4"],
+            &["track", "a.mha", "--init", "1,2", "--order", "3"],
+            &["track", "a.mha", "--init", "1,2", "--warp", "bicubic"],
+        ] {
+            assert_eq!(Cli::try_parse_from(bad).unwrap_err().exit_code(), 2, "{bad:?}");
+        }
+    }
+
+    /// Six wire centres per image as the PLUS toolkit's own segmentation found them, by image.
+    fn wires(text: &str) -> Vec<(usize, Vec<f64>)> {
+        let attribute = |case: &str, name: &str| {
+            let start = case.find(&format!("{name}=\""))? + name.len() + 2;
+            Some(case[start..].split('"').next()?.to_owned())
+        };
+        let case = |case: &str| {
+            let image = attribute(case, "ImageSeqFrameIndex")?.parse().ok()?;
+            let points: Vec<f64> =
+                attribute(case, "SegmentationPoints")?.split_whitespace().map(|n| n.parse().unwrap()).collect();
+            (points.len() == 12).then_some((image, points))
+        };
+        text.split("<TestCase ").skip(1).filter_map(case).collect()
+    }
+
+    #[test]
+    fn truth_wires_in_water_are_followed() {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/plus_wires");
+        let Ok(text) = fs::read_to_string(data.join("wires_truth.xml")) else {
+            println!("skipped: the recorded wires are not beside this repository");
+            return;
+        };
+        let truth = wires(&text);
+        assert_eq!(truth.len(), 196);
+        for (wire, bound_px) in [(1, 1.25), (4, 0.65)] {
+            for similarity in ["ssd", "scv"] {
+                let at = |points: &[f64]| [points[2 * wire], points[2 * wire + 1]];
+                let [u, v] = at(&truth[0].1);
+                let init = format!("{u},{v}");
+                let args = args(&data.join("wires.igs.mha"), &["--init", &init, "--similarity", similarity]);
+                let rows = track(&args).unwrap();
+                let mut errors: Vec<f64> = truth[1..]
+                    .iter()
+                    .map(|(image, points)| {
+                        let (estimate, [u, v]) = (rows[*image].estimate, at(points));
+                        let tip = estimate.tip_px.filter(|_| estimate.state == TrackState::Tracking);
+                        tip.map_or(f64::INFINITY, |tip| (tip[0] - u).hypot(tip[1] - v))
+                    })
+                    .collect();
+                errors.sort_by(f64::total_cmp);
+                let median = errors[errors.len() / 2];
+                println!("wire {wire} {similarity}: median {median:.3} px");
+                assert!(median <= bound_px, "wire {wire} {similarity}: {median} px");
+            }
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! How alike two patches are: weighted correlation and brightness ratio.
+
+use crate::region::Inside;
+use crate::template::{plain_row, window_row};
+
+/// Contrast (weighted variance, grey levels squared) below which a patch counts as flat.
+const FLAT: f64 = 1e-3;
+/// Largest gain in contrast that still counts as the same target.
+const MAX_GAIN: f64 = 2.0;
+
+/// Weighted sums over the part of the window that lies inside the picture.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Moments {
+    /// Weighted mean of the first patch.
+    pub mean_a: f64,
+    /// Weighted mean of the second patch.
+    pub mean_b: f64,
+    /// Weighted variance of the first patch.
+    pub var_a: f64,
+    /// Weighted variance of the second patch.
+    pub var_b: f64,
+    /// Weighted covariance.
+    pub cov: f64,
+}
+
+impl Moments {
+    /// Of two padded patches of side `side` + 2 under the window's weights; `None` when no weight is inside.
+    pub fn of(weights: &[f32], side: usize, inside: Inside, a: &[f32], b: &[f32]) -> Option<Self> {
+        let rows = |y| {
+            let ab = window_row(a, side, y, inside).iter().zip(window_row(b, side, y, inside));
+            plain_row(weights, side, y, inside).iter().zip(ab)
+        };
+        // Sums about a grey level that is surely near: f64 then loses nothing, in a single pass.
+        let near = f64::from(a.get(a.len() / 2).copied().unwrap_or(0.0));
+        let [mut w, mut sa, mut sb, mut saa, mut sbb, mut sab] = [0.0_f64; 6];
+        for y in inside.y[0]..inside.y[1] {
+            for (weight, (a, b)) in rows(y) {
+                let (weight, a, b) = (f64::from(*weight), f64::from(*a) - near, f64::from(*b) - near);
+                w += weight;
+                sa += weight * a;
+                sb += weight * b;
+                saa += weight * a * a;
+                sbb += weight * b * b;
+                sab += weight * a * b;
+            }
+        }
+        if w <= 0.0 {
+            return None;
+        }
+        let (mean_a, mean_b) = (sa / w, sb / w);
+        Some(Self {
+            mean_a: mean_a + near,
+            mean_b: mean_b + near,
+            var_a: (saa / w - mean_a * mean_a).max(0.0),
+            var_b: (sbb / w - mean_b * mean_b).max(0.0),
+            cov: sab / w - mean_a * mean_b,
+        })
+    }
+
+    /// Normalised cross-correlation, −1 (inverted) … 0 (unrelated) … 1; `None` when a patch is flat.
+    pub fn ncc(&self) -> Option<f64> {
+        (self.var_a > FLAT && self.var_b > FLAT)
+            .then(|| (self.cov / (self.var_a * self.var_b).sqrt()).clamp(-1.0, 1.0))
+    }
+
+    /// rms of a − Δ − b over the contrast of b; 0 = the same, 1 = as far off as a flat patch.
+    ///
+    /// Correlation ignores contrast; this does not, so a needle that fades is told from the speckle that takes
+    /// its place. Only fading counts: where the patch is the *more* contrasted one (a tip that comes into focus), b
+    /// is first stretched by the regression's gain g, 1 ≤ g ≤ 2, about `ground`, the grey level of its surroundings.
+    /// `None` when b is flat.
+    pub fn brightness_ratio(&self, change: f64, ground: f64) -> Option<f64> {
+        if self.var_b <= FLAT {
+            return None;
+        }
+        let gain = (self.cov / self.var_b).clamp(1.0, MAX_GAIN);
+        let offset = self.mean_a - change - ground - gain * (self.mean_b - ground);
+        let mean_square = self.var_a + gain * gain * self.var_b - 2.0 * gain * self.cov + offset * offset;
+        Some((mean_square.max(0.0) / self.var_b).sqrt() / gain)
+    }
+
+    /// Whether the second patch is too flat to be looked for.
+    pub fn b_is_flat(&self) -> bool {
+        self.var_b <= FLAT
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gaussian::window_weights;
+
+    const SIDE: usize = 20;
+
+    fn texture(seed: u32) -> Vec<f32> {
+        let mut x = seed;
+        (0..(SIDE + 2) * (SIDE + 2))
+            .map(|_| {
+                x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (x >> 24) as f32
+            })
+            .collect()
+    }
+
+    fn moments(a: &[f32], b: &[f32], sigma_px: f64) -> Moments {
+        Moments::of(&window_weights(SIDE, sigma_px), SIDE, Inside::all(SIDE), a, b).unwrap()
+    }
+
+    #[test]
+    fn truth_ncc_is_one_under_an_affine_grey_change_and_minus_one_inverted() {
+        let b = texture(1);
+        let brighter: Vec<f32> = b.iter().map(|g| 0.4 * g + 31.0).collect();
+        let inverted: Vec<f32> = b.iter().map(|g| 255.0 - g).collect();
+        for sigma_px in [0.0, 3.0] {
+            assert!((moments(&brighter, &b, sigma_px).ncc().unwrap() - 1.0).abs() < 1e-6);
+            assert!((moments(&inverted, &b, sigma_px).ncc().unwrap() + 1.0).abs() < 1e-6);
+        }
+        // Unrelated: the standard error of a correlation over 400 pixels is 0.05.
+        assert!(moments(&texture(2), &b, 0.0).ncc().unwrap().abs() < 0.2);
+        assert_eq!(moments(&vec![7.0; b.len()], &b, 3.0).ncc(), None);
+    }
+
+    #[test]
+    fn truth_ncc_of_two_waves_is_the_cosine_of_their_phase() {
+        // Whole periods (20 px) under uniform weight: the correlation of cos x and cos(x + φ) is cos φ.
+        let wave = |phase: f64| -> Vec<f32> {
+            let at =
+                |x: usize| (100.0 + 50.0 * libm::cos(std::f64::consts::TAU * x as f64 / 20.0 + phase)) as f32;
+            (0..SIDE + 2).flat_map(|_| (0..SIDE + 2).map(at)).collect()
+        };
+        for phase in [0.3, 1.0, 2.0, 3.0] {
+            let ncc = moments(&wave(phase), &wave(0.0), 0.0).ncc().unwrap();
+            assert!((ncc - libm::cos(phase)).abs() < 1e-5, "{phase}: {ncc}");
+        }
+    }
+
+    #[test]
+    fn truth_brightness_ratio_knows_contrast_and_forgives_the_change_of_the_whole_image() {
+        let b = texture(3);
+        let b_mean = moments(&b, &b, 3.0).mean_b as f32;
+        let offset: Vec<f32> = b.iter().map(|g| g + 12.0).collect();
+        let faded: Vec<f32> = b.iter().map(|g| b_mean + 0.3 * (g - b_mean)).collect();
+        assert!(moments(&offset, &b, 3.0).brightness_ratio(12.0, 60.0).unwrap() < 1e-3);
+        // rms of (0.3 − 1)(b − mean) over the contrast of b is 0.7.
+        assert!((moments(&faded, &b, 3.0).brightness_ratio(0.0, 60.0).unwrap() - 0.7).abs() < 1e-3);
+        assert!((moments(&faded, &b, 3.0).ncc().unwrap() - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn truth_more_contrast_about_the_ground_is_not_fading() {
+        let b = texture(4);
+        let ground = 60.0_f32;
+        let focused: Vec<f32> = b.iter().map(|g| ground + 1.6 * (g - ground)).collect();
+        assert!(moments(&focused, &b, 3.0).brightness_ratio(0.0, 60.0).unwrap() < 1e-3);
+        // Beyond the largest gain the rest counts: (3 − 2)(b − ground) over twice the contrast of b.
+        let other: Vec<f32> = b.iter().map(|g| ground + 3.0 * (g - ground)).collect();
+        let m = moments(&other, &b, 3.0);
+        let rms = (m.var_b + (m.mean_b - 60.0) * (m.mean_b - 60.0)).sqrt();
+        assert!((m.brightness_ratio(0.0, 60.0).unwrap() - 0.5 * rms / m.var_b.sqrt()).abs() < 1e-3);
+    }
+}

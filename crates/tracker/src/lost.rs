@@ -1,0 +1,208 @@
+//! LOST and RECOVERING: search, candidate, confirmation.
+
+use sonoloop_types::{Estimate, Image, Reason, TrackState};
+
+use crate::Tracker;
+use crate::likeness::Moments;
+use crate::search::{PEAKS, Peaks};
+use crate::shaft;
+use crate::tracker::{Context, View, add, distance};
+
+/// The near search begins this far about the last tip …
+const NEAR_PX: f64 = 12.0;
+/// … and widens by this with every image lost.
+const NEAR_GROWTH_PX: f64 = 3.0;
+/// A peak of the coarse search is refined this far to every side before the optimiser runs.
+const REFINE_PX: i32 = 2;
+/// An optimiser that leaves the peak it began at found something else.
+const MAX_MOVE_PX: f64 = 3.0;
+/// The needle stands still while it is sought, so of two places alike the nearer one is likelier: what a pixel of
+/// distance from the expected place costs in NCC.
+const NCC_PER_PX: f64 = 0.002;
+/// A candidate that jumps farther than this between images, beyond the measured motion, is another candidate.
+const SAME_CANDIDATE_PX: f64 = 4.0;
+
+/// A place scored at full resolution.
+#[derive(Debug, Clone, Copy)]
+struct Scored {
+    at_px: [f64; 2],
+    view: View,
+    conditioning: Option<f64>,
+    accepted: bool,
+    /// NCC with T_1, less what the distance from the expected place costs.
+    rank: f64,
+}
+
+/// What is known of the lost tip beside its looks.
+struct Sought {
+    median: Option<f64>,
+    /// Where it should be, from its last place and the measured motion.
+    centre_px: [f64; 2],
+    /// Direction of the needle in the picture, when it lies in it.
+    axis_px: Option<[f64; 2]>,
+}
+
+impl Sought {
+    fn scored(&self, at_px: [f64; 2], view: View, conditioning: Option<f64>, accepted: bool) -> Scored {
+        let rank = view.ncc_anchor.unwrap_or(-1.0) - NCC_PER_PX * distance(at_px, self.centre_px);
+        Scored { at_px, view, conditioning, accepted, rank }
+    }
+}
+
+/// The better of two places: an accepted one before a rejected one, then the higher rank.
+fn better(a: Option<Scored>, b: Option<Scored>) -> Option<Scored> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(if (b.accepted, b.rank) > (a.accepted, a.rank) { b } else { a }),
+        (a, b) => a.or(b),
+    }
+}
+
+impl Tracker {
+    pub(crate) fn seek(
+        &mut self,
+        image: &Image,
+        median: Option<f64>,
+        motion_px: Option<[f64; 2]>,
+        context: &Context,
+    ) -> Estimate {
+        let motion = motion_px.unwrap_or_default();
+        let expected_px = self.belief.candidate_px.map(|candidate| add(candidate, motion));
+        let centre_px = add(self.belief.tip_px, motion);
+        let sought = Sought { median, centre_px, axis_px: context.axis_px };
+        let mut iterations = 0;
+
+        // A candidate that is still where it was needs no search.
+        let mut best = None;
+        if let Some(expected_px) = expected_px {
+            let again = self.score(image, &sought, expected_px, &mut iterations);
+            best = again.filter(|s| s.accepted && distance(s.at_px, expected_px) <= SAME_CANDIDATE_PX);
+        }
+        let same = best.is_some();
+        if best.is_none() {
+            let widened = self.belief.lost_images.min(self.settings.whole_image_after);
+            let reach_px = NEAR_PX + NEAR_GROWTH_PX * f64::from(widened);
+            let peaks = self.search.peaks(image, Some((centre_px, reach_px)));
+            best = self.score_all(image, &sought, peaks, &mut iterations);
+        }
+        // What was seen near the last tip is reported even when it is rejected: over a sweep in elevation its
+        // correlation rises towards the tip's plane.
+        let near = best;
+        if !best.is_some_and(|s| s.accepted) && self.belief.lost_images >= self.settings.whole_image_after {
+            let peaks = self.search.peaks(image, None);
+            let far = self.score_all(image, &sought, peaks, &mut iterations);
+            best = better(best, far.filter(|s| s.accepted));
+        }
+
+        match best {
+            Some(found) if found.accepted => {
+                self.confirm(image, median, motion, &found, same, context.hold_confirmation, iterations)
+            }
+            _ => {
+                let estimate =
+                    self.declare_lost(Reason::NoCandidate, motion_px, near.map(|s| s.view), iterations);
+                Estimate { conditioning: near.and_then(|s| s.conditioning), ..estimate }
+            }
+        }
+    }
+
+    /// Counts an image for a candidate, and believes it when there are enough.
+    #[expect(clippy::too_many_arguments, reason = "one call site; the arguments are the image's findings")]
+    fn confirm(
+        &mut self,
+        image: &Image,
+        median: Option<f64>,
+        motion: [f64; 2],
+        found: &Scored,
+        same: bool,
+        hold: bool,
+        iterations: u32,
+    ) -> Estimate {
+        self.belief.tip_px = add(self.belief.tip_px, motion);
+        self.belief.candidate_px = Some(found.at_px);
+        self.belief.confirmed = if same { self.belief.confirmed } else { 0 } + u32::from(!hold);
+        self.belief.state = TrackState::Recovering;
+        let mut reason = Reason::Candidate;
+        if self.belief.confirmed >= self.settings.confirmation_images {
+            // Other peaks may have been sampled since.
+            let reach = self.scoring_reach();
+            self.region.fill_about(image, &self.taps, found.at_px, reach);
+            if self.registrar.sample(&self.region, found.at_px).is_ok() {
+                self.resume(found.at_px, median);
+                reason = Reason::Ok;
+            }
+        }
+        let estimate = self.estimate(reason, found.at_px, Some(found.view), iterations);
+        Estimate { conditioning: found.conditioning, ..estimate }
+    }
+
+    fn score_all(
+        &mut self,
+        image: &Image,
+        sought: &Sought,
+        peaks: Peaks,
+        iterations: &mut u32,
+    ) -> Option<Scored> {
+        let mut best = None;
+        for peak in peaks.into_iter().take(PEAKS).flatten() {
+            best = better(best, self.score(image, sought, peak, iterations));
+        }
+        best
+    }
+
+    /// Refines a place against T_1 and decides whether it may be the tip.
+    fn score(
+        &mut self,
+        image: &Image,
+        sought: &Sought,
+        peak_px: [f64; 2],
+        iterations: &mut u32,
+    ) -> Option<Scored> {
+        let reach = self.scoring_reach();
+        self.region.fill_about(image, &self.taps, peak_px, reach);
+        let start_px = self.refine(peak_px)?;
+        let inside = self.registrar.sample(&self.region, start_px).ok()?;
+        let rejected = sought.scored(start_px, self.view(inside, sought.median), None, false);
+
+        let change = self.change(&self.anchor, sought.median);
+        let end = match self.registrar.run(&self.region, &self.anchor, change, start_px) {
+            Ok(end) => end,
+            Err(failure) => {
+                *iterations += failure.iterations;
+                return Some(rejected);
+            }
+        };
+        *iterations += end.iterations;
+        let at_px = end.position_px;
+        let Ok(inside) = self.registrar.sample(&self.region, at_px) else { return Some(rejected) };
+        let view = self.view(inside, sought.median);
+        let alike = view.ncc_anchor.is_some_and(|ncc| ncc >= self.settings.recovery_ncc);
+        let bright = self.settings.loss_brightness_ratio.is_none_or(|limit| !view.too_bright_or_dim(limit));
+        let is_tip = sought.axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
+        let accepted = alike && bright && is_tip && distance(start_px, at_px) < MAX_MOVE_PX;
+        let scored = sought.scored(at_px, view, Some(end.conditioning), accepted);
+        better(Some(scored), Some(rejected))
+    }
+
+    /// The whole-pixel shift of a place with the best NCC with T_1.
+    fn refine(&mut self, peak_px: [f64; 2]) -> Option<[f64; 2]> {
+        let mut best: Option<(f64, [f64; 2])> = None;
+        for dv in -REFINE_PX..=REFINE_PX {
+            for du in -REFINE_PX..=REFINE_PX {
+                let at = add(peak_px, [f64::from(du), f64::from(dv)]);
+                let Ok(inside) = self.registrar.sample(&self.region, at) else { continue };
+                let (weights, patch) = (&self.registrar.weights, &self.registrar.patch);
+                let moments = Moments::of(weights, self.anchor.side, inside, patch, &self.anchor.padded);
+                let Some(ncc) = moments.and_then(|m| m.ncc()) else { continue };
+                if best.is_none_or(|(highest, _)| ncc > highest) {
+                    best = Some((ncc, at));
+                }
+            }
+        }
+        best.map(|(_, at)| at)
+    }
+
+    /// Half-side of the region in which one place is scored; never beyond that of tracking.
+    fn scoring_reach(&self) -> usize {
+        self.anchor.side / 2 + 3 + REFINE_PX as usize + 2 * MAX_MOVE_PX as usize
+    }
+}

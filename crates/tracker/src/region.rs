@@ -1,0 +1,188 @@
+use sonoloop_types::Image;
+
+/// A rectangle of a picture as blurred grey levels, in which patches are sampled.
+///
+/// Its pixels are `scale × scale` blocks of the picture's (1 or a small whole number); places beyond the picture's
+/// edge repeat the edge. Buffers only ever grow, so a region that was filled once at its largest never allocates
+/// again.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Region {
+    /// First column and row, in (scaled) pixels of the picture; may be negative.
+    pub origin: [i64; 2],
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Grey levels, row by row.
+    pub grey: Vec<f32>,
+    /// Size of the whole picture in (scaled) pixels.
+    pub picture: [usize; 2],
+    rows: Vec<f32>,
+    line: Vec<f32>,
+}
+
+/// The rectangle of template pixels that lie inside the picture: columns, then rows, as half-open ranges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Inside {
+    pub x: [usize; 2],
+    pub y: [usize; 2],
+}
+
+impl Inside {
+    pub fn all(side: usize) -> Self {
+        Self { x: [0, side], y: [0, side] }
+    }
+
+    pub fn count(&self) -> usize {
+        (self.x[1] - self.x[0]) * (self.y[1] - self.y[0])
+    }
+}
+
+impl Region {
+    /// Fills the region with the blurred rectangle of `size` pixels from `origin` on.
+    pub fn fill(&mut self, image: &Image, taps: &[f32], scale: usize, origin: [i64; 2], size: [usize; 2]) {
+        let [width, height] = size;
+        let radius = taps.len() / 2;
+        self.origin = origin;
+        self.size = size;
+        self.picture = [image.width_px as usize / scale, image.height_px as usize / scale];
+        // `resize` keeps old values; every one of them is overwritten below.
+        self.grey.resize(width * height, 0.0);
+        self.rows.resize(width * (height + 2 * radius), 0.0);
+        self.line.resize(width + 2 * radius, 0.0);
+        for (k, out) in self.rows.chunks_exact_mut(width).enumerate() {
+            let v = origin[1] + k as i64 - radius as i64;
+            read_line(image, scale, self.picture, origin[0] - radius as i64, v, &mut self.line);
+            convolve(taps, |tap| &self.line[tap..], out);
+        }
+        for (y, out) in self.grey.chunks_exact_mut(width).enumerate() {
+            convolve(taps, |tap| &self.rows[(y + tap) * width..], out);
+        }
+    }
+
+    /// Fills the region with the square of half-side `reach` about a point of the (unscaled) picture.
+    pub fn fill_about(&mut self, image: &Image, taps: &[f32], centre_px: [f64; 2], reach: usize) {
+        let origin = centre_px.map(|c| whole(c) - reach as i64);
+        self.fill(image, taps, 1, origin, [2 * reach + 1; 2]);
+    }
+
+    /// Bilinear patch of `side + 2` pixels, centred on a point of the picture: the template's window and one more
+    /// pixel all around for its gradient. `None` when the patch leaves the region.
+    pub fn sample(&self, centre_px: [f64; 2], side: usize, patch: &mut [f32]) -> Option<Inside> {
+        let padded = side + 2;
+        let first = centre_px.map(|c| c - (side as f64 - 1.0) / 2.0 - 1.0);
+        if !first.iter().all(|f| f.is_finite() && f.abs() < 1e9) {
+            return None;
+        }
+        let floor = first.map(|f| libm::floor(f) as i64);
+        let [fu, fv] = [first[0] - floor[0] as f64, first[1] - floor[1] as f64];
+        let x = usize::try_from(floor[0] - self.origin[0]).ok()?;
+        let y = usize::try_from(floor[1] - self.origin[1]).ok()?;
+        if x + padded + 1 > self.size[0] || y + padded + 1 > self.size[1] {
+            return None;
+        }
+        let weights =
+            [(1.0 - fu) * (1.0 - fv), fu * (1.0 - fv), (1.0 - fu) * fv, fu * fv].map(|weight| weight as f32);
+        for (k, out) in patch.chunks_exact_mut(padded).enumerate() {
+            let upper = &self.grey[(y + k) * self.size[0] + x..][..padded + 1];
+            let lower = &self.grey[(y + k + 1) * self.size[0] + x..][..padded + 1];
+            for (i, out) in out.iter_mut().enumerate() {
+                *out = weights[0] * upper[i]
+                    + weights[1] * upper[i + 1]
+                    + weights[2] * lower[i]
+                    + weights[3] * lower[i + 1];
+            }
+        }
+        let range = |axis: usize| {
+            let start = first[axis] + 1.0;
+            let low = libm::ceil(-start).max(0.0);
+            let high = (libm::floor(self.picture[axis] as f64 - 1.0 - start) + 1.0).min(side as f64).max(low);
+            [(low as usize).min(side), (high as usize).min(side)]
+        };
+        Some(Inside { x: range(0), y: range(1) })
+    }
+}
+
+/// Nearest whole number, held within what an image can be.
+fn whole(value: f64) -> i64 {
+    libm::round(value).clamp(-1e9, 1e9) as i64
+}
+
+fn read_line(image: &Image, scale: usize, picture: [usize; 2], first: i64, v: i64, line: &mut [f32]) {
+    let v = v.clamp(0, picture[1] as i64 - 1) as usize;
+    let last = picture[0] as i64 - 1;
+    if scale == 1 {
+        let row = image.row(v as u32);
+        for (k, out) in line.iter_mut().enumerate() {
+            *out = f32::from(row[(first + k as i64).clamp(0, last) as usize]);
+        }
+        return;
+    }
+    let share = 1.0 / (scale * scale) as f32;
+    for (k, out) in line.iter_mut().enumerate() {
+        let u = (first + k as i64).clamp(0, last) as usize;
+        let sum: u32 = (0..scale)
+            .flat_map(|dv| &image.row((v * scale + dv) as u32)[u * scale..][..scale])
+            .map(|level| u32::from(*level))
+            .sum();
+        *out = sum as f32 * share;
+    }
+}
+
+fn convolve<'a>(taps: &[f32], shifted: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
+    out.fill(0.0);
+    for (tap, weight) in taps.iter().enumerate() {
+        for (out, value) in out.iter_mut().zip(shifted(tap)) {
+            *out += weight * value;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gaussian::blur_taps;
+
+    fn ramp() -> Image {
+        Image::from_pixels(
+            40,
+            30,
+            (0..30).flat_map(|v| (0..40).map(move |u| (3 * u + 2 * v) as u8)).collect(),
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn truth_blur_and_bilinear_sampling_keep_a_ramp() {
+        let mut region = Region::default();
+        region.fill_about(&ramp(), &blur_taps(1.5), [20.3, 14.6], 9);
+        let mut patch = [0.0; 100];
+        let inside = region.sample([20.3, 14.6], 8, &mut patch).unwrap();
+        assert_eq!(inside, Inside::all(8));
+        for y in 0..10 {
+            for x in 0..10 {
+                let expected = 3.0 * (20.3 - 4.5 + x as f64) + 2.0 * (14.6 - 4.5 + y as f64);
+                assert!((f64::from(patch[y * 10 + x]) - expected).abs() < 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn what_lies_beyond_the_edge_is_named() {
+        let mut region = Region::default();
+        region.fill_about(&ramp(), &[1.0], [0.0, 29.0], 9);
+        let mut patch = [0.0; 100];
+        let inside = region.sample([0.0, 29.0], 8, &mut patch).unwrap();
+        // Columns at −3.5 … 3.5 and rows at 25.5 … 32.5.
+        assert_eq!(inside, Inside { x: [4, 8], y: [0, 4] });
+        assert_eq!(region.sample([12.0, 29.0], 8, &mut patch), None);
+        assert_eq!(region.sample([f64::NAN, 29.0], 8, &mut patch), None);
+    }
+
+    #[test]
+    fn truth_scaled_pixels_are_block_means() {
+        let mut region = Region::default();
+        region.fill(&ramp(), &[1.0], 2, [0, 0], [20, 15]);
+        // Mean of 3u + 2v over the block {2, 3} × {4, 5}.
+        assert_eq!(region.grey[2 * 20 + 1], 3.0 * 2.5 + 2.0 * 4.5);
+        assert_eq!(region.picture, [20, 15]);
+    }
+}

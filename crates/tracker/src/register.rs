@@ -1,0 +1,249 @@
+//! Registration of a template in an image: Gauss–Newton over a translation, paper (6), (8) and (12).
+//!
+//! With H = Σ w g gᵀ and b = Σ w e g, where e = P − T̂ and g = ∇P (first order) or ½(∇P + ∇T̂) (second order), the
+//! step is Δ = −H⁻¹ b. The factor −2 of the paper's (8) and the ½ of its mean gradient are the same thing. For a
+//! translation the compositional update of the warp is plain addition.
+
+use sonoloop_types::{Optimisation, Profile, Reason, Similarity, TrackerSettings};
+
+use crate::region::{Inside, Region};
+use crate::scv::Conditional;
+use crate::template::{Template, gradient, plain_row, window_row};
+use crate::tracker::distance;
+
+/// Grey levels per pixel, rms: with less gradient than this there is nothing to hold on to.
+const MIN_GRADIENT: f64 = 0.02;
+/// Relative Levenberg–Marquardt damping; doubles as the smallest relative pivot.
+const DAMPING: f64 = 1e-6;
+
+/// Robust profile: T̂ is first taken when a step of plain differences falls below this, and taken anew when the
+/// patch has moved on by as much.
+///
+/// T̂ from a guess that is several pixels off pairs, under a narrow weight, the needle's grey levels with the
+/// background's, and the optimiser then ends anywhere: on rigid scenes that walk by up to 3 px it lost the tip in
+/// 34 of 792 images and was 0.5 px off; approached like this, in none and 0.08 px.
+const NEAR_PX: f64 = 1.0;
+/// The approach ends after this many iterations anyhow.
+const MAX_APPROACH: u32 = 8;
+
+/// Where a registration ended.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Registration {
+    pub position_px: [f64; 2],
+    pub iterations: u32,
+    /// Smaller over larger eigenvalue of H.
+    pub conditioning: f64,
+}
+
+/// Why a registration ended without a position.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Failure {
+    pub reason: Reason,
+    pub iterations: u32,
+}
+
+/// Settings and scratch of registrations over one window.
+#[derive(Debug, Clone)]
+pub(crate) struct Registrar {
+    similarity: Similarity,
+    order: Optimisation,
+    /// SCV approaches by plain differences before it takes T̂; the paper takes T̂ at the guess, once per image.
+    approach: bool,
+    max_iterations: u32,
+    epsilon_px: f64,
+    side: usize,
+    /// Weights of the window, S² values.
+    pub weights: Vec<f32>,
+    /// The last patch sampled, (S + 2)² values.
+    pub patch: Vec<f32>,
+    adapted: Vec<f32>,
+    adapted_u: Vec<f32>,
+    adapted_v: Vec<f32>,
+    conditional: Conditional,
+}
+
+/// What the image is compared with in one iteration.
+struct Reference<'a> {
+    padded: &'a [f32],
+    grad_u: &'a [f32],
+    grad_v: &'a [f32],
+    /// Added to the reference's grey levels: the change of the whole image.
+    change: f32,
+    /// Share of the reference's gradient in the mean gradient: ½ or 0.
+    share: f32,
+}
+
+impl Registrar {
+    pub fn new(settings: &TrackerSettings, weights: Vec<f32>) -> Self {
+        let side = settings.template_px as usize;
+        let padded = (side + 2) * (side + 2);
+        Self {
+            similarity: settings.similarity,
+            order: settings.optimisation,
+            approach: settings.profile == Profile::Robust,
+            max_iterations: settings.max_iterations,
+            epsilon_px: settings.epsilon_px,
+            side,
+            weights,
+            patch: vec![0.0; padded],
+            adapted: vec![0.0; padded],
+            adapted_u: vec![0.0; side * side],
+            adapted_v: vec![0.0; side * side],
+            conditional: Conditional::new(settings.scv_bins),
+        }
+    }
+
+    /// Samples the patch about a point; `Err` when too little of it lies inside the picture or the region.
+    pub fn sample(&mut self, region: &Region, centre_px: [f64; 2]) -> Result<Inside, Reason> {
+        let inside = region.sample(centre_px, self.side, &mut self.patch).ok_or(Reason::Diverged)?;
+        if 2 * inside.count() < self.side * self.side { Err(Reason::OutOfImage) } else { Ok(inside) }
+    }
+
+    /// Finds `template` in `region`, from `start_px` on; `change` is Δ, how much brighter the image has become.
+    pub fn run(
+        &mut self,
+        region: &Region,
+        template: &Template,
+        change: f32,
+        start_px: [f64; 2],
+    ) -> Result<Registration, Failure> {
+        let mut at = start_px;
+        let scv = self.similarity == Similarity::Scv;
+        let mut approaching = scv && self.approach;
+        let mut adapted_at: Option<[f64; 2]> = None;
+        let mut conditioning = 0.0;
+        for iteration in 1..=self.max_iterations {
+            let fail = |reason| Failure { reason, iterations: iteration };
+            let inside = self.sample(region, at).map_err(fail)?;
+            let stale = adapted_at.is_none_or(|then| self.approach && distance(at, then) > NEAR_PX);
+            if scv && !approaching && stale {
+                self.adapt(template, inside);
+                adapted_at = Some(at);
+            }
+            let sums = self.accumulate(&self.reference(template, change, adapted_at.is_some()), inside);
+            let (step, ratio) = solve(sums).ok_or_else(|| fail(Reason::Singular))?;
+            let length = (step[0] * step[0] + step[1] * step[1]).sqrt();
+            if length.is_nan() || length > self.side as f64 / 2.0 {
+                return Err(fail(Reason::Diverged));
+            }
+            at = [at[0] + step[0], at[1] + step[1]];
+            conditioning = ratio;
+            if approaching {
+                approaching = length >= NEAR_PX && iteration < MAX_APPROACH;
+            } else if length < self.epsilon_px {
+                return Ok(Registration { position_px: at, iterations: iteration, conditioning });
+            }
+        }
+        Ok(Registration { position_px: at, iterations: self.max_iterations, conditioning })
+    }
+
+    fn adapt(&mut self, template: &Template, inside: Inside) {
+        let (weights, side) = (&self.weights, self.side);
+        self.conditional.adapt(weights, side, inside, &template.padded, &self.patch, &mut self.adapted);
+        gradient(&self.adapted, side, &mut self.adapted_u, &mut self.adapted_v);
+    }
+
+    /// T̂ once it is `adapted`, else T itself with its grey levels shifted by the image's change.
+    fn reference<'a>(&'a self, template: &'a Template, change: f32, adapted: bool) -> Reference<'a> {
+        let share = if self.order == Optimisation::SecondOrder { 0.5 } else { 0.0 };
+        if adapted {
+            let [padded, grad_u, grad_v] = [&self.adapted[..], &self.adapted_u, &self.adapted_v];
+            Reference { padded, grad_u, grad_v, change: 0.0, share }
+        } else {
+            let [padded, grad_u, grad_v] = [&template.padded[..], &template.grad_u, &template.grad_v];
+            Reference { padded, grad_u, grad_v, change, share }
+        }
+    }
+
+    /// Σ w·[1, g_u², g_u g_v, g_v², e g_u, e g_v].
+    fn accumulate(&self, reference: &Reference, inside: Inside) -> [f64; 6] {
+        let side = self.side;
+        let mut totals = [[0.0_f32; LANES]; 6];
+        for y in inside.y[0]..inside.y[1] {
+            let row = Row {
+                weight: plain_row(&self.weights, side, y, inside),
+                above: &self.patch[y * (side + 2) + 1 + inside.x[0]..],
+                here: &self.patch[(y + 1) * (side + 2) + inside.x[0]..],
+                below: &self.patch[(y + 2) * (side + 2) + 1 + inside.x[0]..],
+                wanted: window_row(reference.padded, side, y, inside),
+                grad_u: plain_row(reference.grad_u, side, y, inside),
+                grad_v: plain_row(reference.grad_v, side, y, inside),
+            };
+            row.add(reference.change, reference.share, &mut totals);
+        }
+        totals.map(|lanes| lanes.iter().map(|lane| f64::from(*lane)).sum())
+    }
+}
+
+/// Sums run in this many lanes, in an order that no CPU changes.
+const LANES: usize = 4;
+
+/// One row of the window, cut to what lies inside the picture.
+struct Row<'a> {
+    weight: &'a [f32],
+    above: &'a [f32],
+    /// Begins one pixel to the left of the others.
+    here: &'a [f32],
+    below: &'a [f32],
+    wanted: &'a [f32],
+    grad_u: &'a [f32],
+    grad_v: &'a [f32],
+}
+
+impl Row<'_> {
+    fn add(&self, change: f32, share: f32, totals: &mut [[f32; LANES]; 6]) {
+        let width = self.weight.len();
+        let whole = width - width % LANES;
+        for start in (0..whole).step_by(LANES) {
+            self.add_lanes::<LANES>(start, change, share, totals);
+        }
+        for start in whole..width {
+            self.add_lanes::<1>(start, change, share, totals);
+        }
+    }
+
+    #[inline(always)]
+    fn add_lanes<const N: usize>(
+        &self,
+        start: usize,
+        change: f32,
+        share: f32,
+        totals: &mut [[f32; LANES]; 6],
+    ) {
+        let [weight, above, below] = [self.weight, self.above, self.below].map(|row| &row[start..start + N]);
+        let [wanted, grad_u, grad_v] =
+            [self.wanted, self.grad_u, self.grad_v].map(|row| &row[start..start + N]);
+        let here = &self.here[start..start + N + 2];
+        for k in 0..N {
+            let own = (1.0 - share) * 0.5;
+            let gu = own * (here[k + 2] - here[k]) + share * grad_u[k];
+            let gv = own * (below[k] - above[k]) + share * grad_v[k];
+            let e = here[k + 1] - (wanted[k] + change);
+            let (wu, wv) = (weight[k] * gu, weight[k] * gv);
+            totals[0][k] += weight[k];
+            totals[1][k] += wu * gu;
+            totals[2][k] += wu * gv;
+            totals[3][k] += wv * gv;
+            totals[4][k] += wu * e;
+            totals[5][k] += wv * e;
+        }
+    }
+}
+
+/// The damped step and the ratio of H's eigenvalues; `None` without texture in both directions.
+fn solve([weight, uu, uv, vv, eu, ev]: [f64; 6]) -> Option<([f64; 2], f64)> {
+    let trace = uu + vv;
+    // Written so that NaN fails.
+    let textured = trace > weight * MIN_GRADIENT * MIN_GRADIENT;
+    if !textured {
+        return None;
+    }
+    let root = ((uu - vv) * (uu - vv) + 4.0 * uv * uv).sqrt();
+    let ratio = ((trace - root) / (trace + root)).max(0.0);
+    let (uu, vv) = (uu * (1.0 + DAMPING), vv * (1.0 + DAMPING));
+    let determinant = uu * vv - uv * uv;
+    if determinant.is_nan() || determinant <= DAMPING * trace * trace {
+        return None;
+    }
+    Some(([(uv * ev - vv * eu) / determinant, (uv * eu - uu * ev) / determinant], ratio))
+}

@@ -1,0 +1,299 @@
+//! Where in a picture a template may be: weighted NCC at coarse resolution, then the best few peaks.
+
+use sonoloop_types::Image;
+
+use crate::gaussian::{axis_weights, blur_taps};
+use crate::region::Region;
+use crate::template::Template;
+
+/// Candidates kept of one search.
+pub(crate) const PEAKS: usize = 4;
+/// Weights below exp(−3²/2) ≈ 1 % are not worth their multiplications in a coarse search.
+const WINDOW_SIGMAS: f64 = 3.0;
+/// Coarse windows wider than this are searched at a quarter of the resolution, not half.
+const MAX_HALF_SIDE: usize = 20;
+/// Variance in grey levels squared below which a place counts as flat.
+const FLAT: f32 = 1.0;
+
+/// Coarse NCC search of one template. It proposes; the caller scores its proposals at full resolution.
+#[derive(Debug, Clone)]
+pub(crate) struct Search {
+    /// Picture pixels per coarse pixel.
+    scale: usize,
+    /// First template column and row that take part.
+    crop: usize,
+    /// Coarse side of the window.
+    side: usize,
+    taps: Vec<f32>,
+    axis: Vec<f32>,
+    /// Weight × (template − weighted mean), side² values.
+    kernel: Vec<f32>,
+    /// Contrast of the template: weighted variance × weight sum.
+    energy: f32,
+    weight_sum: f32,
+    region: Region,
+    map: Vec<f32>,
+    columns: [Vec<f32>; 2],
+    sums: [Vec<f32>; 3],
+}
+
+/// Candidate places, best first; unused entries are `None`.
+pub(crate) type Peaks = [Option<[f64; 2]>; PEAKS];
+
+impl Search {
+    /// Prepares the search of `template`; no picture up to `picture` pixels makes it allocate again.
+    pub fn new(template: &Template, blur_sigma_px: f64, weight_sigma_px: f64, picture: [usize; 2]) -> Self {
+        let full = template.side;
+        let wanted = if weight_sigma_px > 0.0 {
+            (2.0 * libm::ceil(WINDOW_SIGMAS * weight_sigma_px)) as usize
+        } else {
+            full
+        };
+        let window = wanted.min(full).max(8);
+        let scale = if window / 2 > MAX_HALF_SIDE { 4 } else { 2 };
+        let side = window / scale;
+        // The parity of what is cut off keeps the window's middle on the template's, to half a pixel at most.
+        let crop = (full - side * scale) / 2;
+        let axis = axis_weights(side, weight_sigma_px / scale as f64);
+        let mut search = Self {
+            scale,
+            crop,
+            side,
+            taps: blur_taps(blur_sigma_px / scale as f64),
+            kernel: vec![0.0; side * side],
+            energy: 0.0,
+            weight_sum: axis.iter().sum::<f32>() * axis.iter().sum::<f32>(),
+            axis,
+            region: Region::default(),
+            map: Vec::new(),
+            columns: [Vec::new(), Vec::new()],
+            sums: [Vec::new(), Vec::new(), Vec::new()],
+        };
+        search.build_kernel(template);
+        search.reserve(picture);
+        search
+    }
+
+    fn build_kernel(&mut self, template: &Template) {
+        let width = template.side + 2;
+        let mut mean = 0.0;
+        for y in 0..self.side {
+            for x in 0..self.side {
+                let mut sum = 0.0;
+                for dy in 0..self.scale {
+                    for dx in 0..self.scale {
+                        let row = 1 + self.crop + y * self.scale + dy;
+                        sum += template.padded[row * width + 1 + self.crop + x * self.scale + dx];
+                    }
+                }
+                let level = sum / (self.scale * self.scale) as f32;
+                self.kernel[y * self.side + x] = level;
+                mean += self.axis[x] * self.axis[y] * level;
+            }
+        }
+        mean /= self.weight_sum;
+        self.energy = 0.0;
+        for y in 0..self.side {
+            for x in 0..self.side {
+                let weight = self.axis[x] * self.axis[y];
+                let level = self.kernel[y * self.side + x] - mean;
+                self.energy += weight * level * level;
+                self.kernel[y * self.side + x] = weight * level;
+            }
+        }
+    }
+
+    /// Makes every buffer as large as a search of the whole picture will need.
+    fn reserve(&mut self, picture: [usize; 2]) {
+        let [width, height] = picture.map(|n| n / self.scale);
+        self.region.fill(&Image::black(1, 1), &self.taps, 1, [0, 0], [width.max(1), height.max(1)]);
+        self.map.resize(width * height, 0.0);
+        self.columns.iter_mut().chain(&mut self.sums).for_each(|buffer| buffer.resize(width, 0.0));
+    }
+
+    /// Peaks among the template centres within `reach` pixels of `centre_px` on both axes, `None` for everywhere.
+    pub fn peaks(&mut self, image: &Image, about: Option<([f64; 2], f64)>) -> Peaks {
+        let picture = [image.width_px, image.height_px].map(|n| n as usize / self.scale);
+        // Coarse position k of the window means a template centre of scale·k + this.
+        let offset = (self.side * self.scale) as f64 / 2.0 - 0.5;
+        let mut first = [0_i64; 2];
+        let mut count = [0_usize; 2];
+        for axis in 0..2 {
+            let last = picture[axis] as i64 - self.side as i64;
+            let (mut low, mut high) = (0, last);
+            if let Some((centre_px, reach_px)) = about {
+                let coarse = |c: f64| ((c - offset) / self.scale as f64).clamp(-1e9, 1e9);
+                low = low.max(libm::ceil(coarse(centre_px[axis] - reach_px)) as i64);
+                high = high.min(libm::floor(coarse(centre_px[axis] + reach_px)) as i64);
+            }
+            if high < low {
+                return [None; PEAKS];
+            }
+            first[axis] = low;
+            count[axis] = (high - low + 1) as usize;
+        }
+        let size = [count[0] + self.side - 1, count[1] + self.side - 1];
+        self.region.fill(image, &self.taps, self.scale, first, size);
+        self.correlate(count);
+        let centre = |axis: usize, k: usize| (self.scale as i64 * (first[axis] + k as i64)) as f64 + offset;
+        self.best(count).map(|peak| peak.map(|[x, y]| [centre(0, x), centre(1, y)]))
+    }
+
+    /// Weighted NCC of the template with every window of the region, into `map`.
+    fn correlate(&mut self, [columns, rows]: [usize; 2]) {
+        let width = self.region.size[0];
+        self.map.resize(columns * rows, 0.0);
+        self.columns.iter_mut().for_each(|buffer| buffer.resize(width, 0.0));
+        self.sums.iter_mut().for_each(|buffer| buffer.resize(columns, 0.0));
+        let [linear, square] = &mut self.columns;
+        let [mean, mean_square, product] = &mut self.sums;
+        for y in 0..rows {
+            // The weights of Σ w I and Σ w I² separate; those of Σ w T I do not.
+            linear.fill(0.0);
+            square.fill(0.0);
+            product.fill(0.0);
+            for k in 0..self.side {
+                let row = &self.region.grey[(y + k) * width..][..width];
+                let weight = self.axis[k];
+                for ((linear, square), grey) in linear.iter_mut().zip(square.iter_mut()).zip(row) {
+                    *linear += weight * grey;
+                    *square += weight * grey * grey;
+                }
+                let kernel = &self.kernel[k * self.side..][..self.side];
+                for (x, factor) in kernel.iter().enumerate() {
+                    for (product, grey) in product.iter_mut().zip(&row[x..]) {
+                        *product += factor * grey;
+                    }
+                }
+            }
+            mean.fill(0.0);
+            mean_square.fill(0.0);
+            for (x, weight) in self.axis.iter().enumerate() {
+                for (sum, value) in mean.iter_mut().zip(&linear[x..]) {
+                    *sum += weight * value;
+                }
+                for (sum, value) in mean_square.iter_mut().zip(&square[x..]) {
+                    *sum += weight * value;
+                }
+            }
+            for (x, ncc) in self.map[y * columns..][..columns].iter_mut().enumerate() {
+                let energy = mean_square[x] - mean[x] * mean[x] / self.weight_sum;
+                let flat = energy <= FLAT * self.weight_sum || self.energy <= FLAT * self.weight_sum;
+                *ncc = if flat { -1.0 } else { product[x] / (energy * self.energy).sqrt() };
+            }
+        }
+    }
+
+    /// The highest local maxima of the map (over 3 × 3), best first; equal ones in reading order.
+    fn best(&self, [columns, rows]: [usize; 2]) -> [Option<[usize; 2]>; PEAKS] {
+        let mut found: [Option<(f32, [usize; 2])>; PEAKS] = [None; PEAKS];
+        for y in 0..rows {
+            for x in 0..columns {
+                let value = self.map[y * columns + x];
+                let worst = found[PEAKS - 1].map_or(0.0, |(value, _)| value);
+                if value <= worst || !self.is_peak(columns, rows, x, y, value) {
+                    continue;
+                }
+                let place = found.iter().position(|f| f.is_none_or(|(v, _)| v < value)).unwrap_or(PEAKS - 1);
+                found[place..].rotate_right(1);
+                found[place] = Some((value, [x, y]));
+            }
+        }
+        found.map(|peak| peak.map(|(_, at)| at))
+    }
+
+    fn is_peak(&self, columns: usize, rows: usize, x: usize, y: usize, value: f32) -> bool {
+        (y.saturating_sub(1)..(y + 2).min(rows)).all(|v| {
+            let row = &self.map[v * columns..][..columns];
+            row[x.saturating_sub(1)..(x + 2).min(columns)].iter().all(|near| *near <= value)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Smoothed noise: a texture in which no two places are alike.
+    fn picture() -> Image {
+        let mut x = 1_u32;
+        let mut noise = || {
+            x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (x >> 24) as u8
+        };
+        let noise = Image::from_pixels(160, 120, (0..160 * 120).map(|_| noise()).collect()).unwrap();
+        let mut smooth = Region::default();
+        smooth.fill(&noise, &blur_taps(2.0), 1, [0, 0], [160, 120]);
+        let stretched = smooth.grey.iter().map(|grey| (5.0 * (grey - 127.5) + 127.5) as u8).collect();
+        Image::from_pixels(160, 120, stretched).unwrap()
+    }
+
+    fn cut(image: &Image, centre_px: [f64; 2], side: usize) -> Template {
+        let mut region = Region::default();
+        region.fill_about(image, &blur_taps(1.5), centre_px, side);
+        let mut padded = vec![0.0; (side + 2) * (side + 2)];
+        region.sample(centre_px, side, &mut padded).unwrap();
+        Template::new(side, padded, None)
+    }
+
+    #[test]
+    fn the_best_peak_is_the_place_the_template_came_from() {
+        let image = picture();
+        for side in [20, 21, 33, 61] {
+            for weight_sigma_px in [0.0, 3.0] {
+                for centre_px in [[60.5, 40.5], [90.0, 70.0], [47.3, 81.8]] {
+                    let mut search =
+                        Search::new(&cut(&image, centre_px, side), 1.5, weight_sigma_px, [160, 120]);
+                    let slack = search.scale as f64;
+                    for about in [None, Some(([centre_px[0] + 9.0, centre_px[1] - 8.0], 15.0))] {
+                        let [u, v] = search.peaks(&image, about)[0].unwrap();
+                        let off = (u - centre_px[0]).abs().max((v - centre_px[1]).abs());
+                        assert!(off <= slack, "side {side}, {centre_px:?}: {off} px off");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn truth_the_map_agrees_with_a_plain_weighted_ncc() {
+        let image = picture();
+        let mut search = Search::new(&cut(&image, [60.0, 40.0], 20), 1.5, 3.0, [160, 120]);
+        let count = [4, 3];
+        search.region.fill(
+            &image,
+            &search.taps,
+            2,
+            [10, 8],
+            [count[0] + search.side - 1, count[1] + search.side - 1],
+        );
+        search.correlate(count);
+        let (side, width) = (search.side, search.region.size[0]);
+        for y in 0..count[1] {
+            for x in 0..count[0] {
+                let [mut s, mut ss, mut st] = [0.0_f64; 3];
+                for j in 0..side {
+                    for i in 0..side {
+                        let w = f64::from(search.axis[i] * search.axis[j]);
+                        let g = f64::from(search.region.grey[(y + j) * width + x + i]);
+                        s += w * g;
+                        ss += w * g * g;
+                        st += f64::from(search.kernel[j * side + i]) * g;
+                    }
+                }
+                let energy = ss - s * s / f64::from(search.weight_sum);
+                let expected = st / (energy * f64::from(search.energy)).sqrt();
+                assert!((f64::from(search.map[y * count[0] + x]) - expected).abs() < 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_is_found_where_the_template_does_not_fit() {
+        let image = picture();
+        let mut search = Search::new(&cut(&image, [60.0, 40.0], 20), 1.5, 3.0, [160, 120]);
+        assert_eq!(search.peaks(&Image::black(5, 5), None), [None; PEAKS]);
+        assert_eq!(search.peaks(&Image::black(160, 120), None), [None; PEAKS]);
+        assert_eq!(search.peaks(&image, Some(([-500.0, 40.0], 20.0))), [None; PEAKS]);
+    }
+}

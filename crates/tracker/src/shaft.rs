@@ -1,0 +1,95 @@
+//! Does the shaft go on beyond a candidate? A tip has none ahead of it; a bright bead of the shaft has.
+//!
+//! Blurred and narrowly weighted, a bead of the shaft looks much like the tip to any correlation. What tells them
+//! apart lies outside the template: along the needle's direction a ridge stands ahead of a bead, and not ahead of a
+//! tip. The direction comes from nominal calibrations, so it may be some degrees off.
+
+use sonoloop_types::Image;
+
+/// Stretch along the needle in which the ridge is looked for, pixels from the candidate.
+const STRETCH_PX: [u32; 2] = [8, 24];
+/// Half-width of the ridge's average, and distance of the two strips beside it that it is compared with.
+const HALF_WIDTH_PX: i32 = 1;
+const BESIDE_PX: f64 = 7.0;
+/// A ridge below this many grey levels over its surroundings is speckle (its mean over the stretch scatters by
+/// about four).
+const LEAST_RIDGE_LEVELS: f64 = 12.0;
+/// Share of the ridge behind at which a ridge ahead counts as the same shaft.
+const SAME_SHAFT: f64 = 0.5;
+
+/// True when the shaft runs on beyond `at_px` along `axis_px` (unit vector from the entry to the tip, pixels).
+pub(crate) fn goes_on(image: &Image, at_px: [f64; 2], axis_px: [f64; 2]) -> bool {
+    let ahead = ridge(image, at_px, axis_px);
+    let behind = ridge(image, at_px, [-axis_px[0], -axis_px[1]]);
+    ahead > LEAST_RIDGE_LEVELS && ahead > SAME_SHAFT * behind
+}
+
+/// Mean grey level along the axis less that of the strips beside it; 0 where nothing lies inside the picture.
+fn ridge(image: &Image, from_px: [f64; 2], axis_px: [f64; 2]) -> f64 {
+    let across = [-axis_px[1], axis_px[0]];
+    let (mut on, mut beside, mut count) = (0.0, 0.0, 0.0);
+    for step in STRETCH_PX[0]..STRETCH_PX[1] {
+        for offset in -HALF_WIDTH_PX..=HALF_WIDTH_PX {
+            let at = |aside: f64| {
+                let (along, aside) = (f64::from(step), f64::from(offset) + aside);
+                level(
+                    image,
+                    [
+                        from_px[0] + along * axis_px[0] + aside * across[0],
+                        from_px[1] + along * axis_px[1] + aside * across[1],
+                    ],
+                )
+            };
+            if let (Some(middle), Some(left), Some(right)) = (at(0.0), at(-BESIDE_PX), at(BESIDE_PX)) {
+                on += middle;
+                beside += 0.5 * (left + right);
+                count += 1.0;
+            }
+        }
+    }
+    if count > 0.0 { (on - beside) / count } else { 0.0 }
+}
+
+fn level(image: &Image, at_px: [f64; 2]) -> Option<f64> {
+    let (u, v) = (at_px[0].round(), at_px[1].round());
+    let inside = u >= 0.0 && v >= 0.0 && u < f64::from(image.width_px) && v < f64::from(image.height_px);
+    inside.then(|| f64::from(image.row(v as u32)[u as usize]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ridge three pixels wide from the top left to (100, 100) on a plain ground.
+    fn needle() -> Image {
+        let mut image = Image::black(200, 200);
+        for (index, pixel) in image.pixels.iter_mut().enumerate() {
+            let (u, v) = ((index % 200) as i32, (index / 200) as i32);
+            *pixel = if (u - v).abs() <= 2 && u <= 100 { 160 } else { 90 };
+        }
+        image
+    }
+
+    #[test]
+    fn a_bead_of_the_shaft_is_told_from_the_tip() {
+        let axis = [std::f64::consts::FRAC_1_SQRT_2; 2];
+        assert!(!goes_on(&needle(), [100.0, 100.0], axis));
+        assert!(goes_on(&needle(), [60.0, 60.0], axis));
+        assert!(!goes_on(&needle(), [150.0, 60.0], axis), "off the needle nothing is decided");
+    }
+
+    #[test]
+    fn a_direction_five_degrees_off_does_not_matter() {
+        let (sin, cos) = (libm::sin(50.0_f64.to_radians()), libm::cos(50.0_f64.to_radians()));
+        assert!(!goes_on(&needle(), [100.0, 100.0], [cos, sin]));
+        assert!(goes_on(&needle(), [60.0, 60.0], [cos, sin]));
+    }
+
+    #[test]
+    fn nothing_outside_the_picture_is_touched() {
+        for at in [[-50.0, -50.0], [0.0, 0.0], [199.0, 199.0], [1e9, 1e9]] {
+            goes_on(&needle(), at, [1.0, 0.0]);
+        }
+        goes_on(&Image::black(1, 1), [0.0, 0.0], [f64::NAN, 0.0]);
+    }
+}

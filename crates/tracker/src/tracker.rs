@@ -1,0 +1,409 @@
+use sonoloop_types::{Estimate, Image, Profile, Reason, TrackState, TrackerSettings, UpdateStrategy};
+
+use crate::checkpoint::is_flat;
+use crate::gaussian::{blur_taps, window_weights};
+use crate::grey::lit_median;
+use crate::likeness::Moments;
+use crate::region::{Inside, Region};
+use crate::register::Registrar;
+use crate::search::Search;
+use crate::template::Template;
+use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
+
+/// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
+/// that may still be settling, and the paper's recovery threshold lies below its loss threshold.
+const HOLD_PREVIOUS_TEST: u32 = 2;
+/// A measured motion beyond this is not one of an ultrasound picture.
+const MAX_MOTION_PX: f64 = 1e4;
+
+/// What is known about an image beside its pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Context {
+    /// Motion (u, v) of the tip in the picture since the last image, predicted from the measured insertion and arm
+    /// motion. `None`, or a value that is not finite, leaves the guess to the tip's last velocity. It moves the
+    /// initial guess and the place of the search, never the measurement.
+    pub motion_px: Option<[f64; 2]>,
+    /// The plane is still being moved: a good candidate stays RECOVERING and none of its images confirms it.
+    pub hold_confirmation: bool,
+    /// Direction (u, v) in which the needle points in the picture, unit length, some degrees off at most: a candidate
+    /// beyond which the shaft goes on is not the tip. `None` when the needle does not lie in the picture.
+    pub axis_px: Option<[f64; 2]>,
+}
+
+/// Follows one needle tip from image to image.
+///
+/// Owns its templates and scratch; after the first image no image of the same size allocates memory.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    pub(crate) settings: TrackerSettings,
+    /// T_1; never changes.
+    pub(crate) anchor: Template,
+    /// T_n.
+    pub(crate) previous: Template,
+    pub(crate) belief: Belief,
+    pub(crate) registrar: Registrar,
+    pub(crate) search: Search,
+    pub(crate) region: Region,
+    pub(crate) taps: Vec<f32>,
+    picture_px: [u32; 2],
+    last: Estimate,
+}
+
+/// What changes from image to image, beside the templates.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Belief {
+    pub state: TrackState,
+    /// The last believed tip, carried along by measured motion while lost.
+    pub tip_px: [f64; 2],
+    pub velocity_px: [f64; 2],
+    /// Images in a row that ended LOST.
+    pub lost_images: u32,
+    /// The place being confirmed, while RECOVERING.
+    pub candidate_px: Option<[f64; 2]>,
+    /// Images that have confirmed it.
+    pub confirmed: u32,
+    /// Images for which the test of T_n is still held off.
+    pub hold_previous: u32,
+    /// No image has been seen since the restart.
+    pub restarted: bool,
+}
+
+impl Belief {
+    fn at(state: TrackState, tip_px: [f64; 2]) -> Self {
+        Self {
+            state,
+            tip_px,
+            velocity_px: [0.0; 2],
+            lost_images: 0,
+            candidate_px: None,
+            confirmed: 0,
+            hold_previous: 0,
+            restarted: false,
+        }
+    }
+}
+
+/// A registered place, compared with both templates.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct View {
+    pub ncc_previous: Option<f64>,
+    pub ncc_anchor: Option<f64>,
+    pub brightness_ratio: Option<f64>,
+    pub level: f64,
+}
+
+impl Tracker {
+    /// A tracker whose both templates are the (blurred) patch of `image` about `tip_px`; its state is TRACKING.
+    ///
+    /// `tip_px` is (u, v) in pixels from the centre of the top-left one. Refuses settings outside their bounds, a
+    /// tip with under half of its template inside the image, and a tip without texture.
+    pub fn new(settings: TrackerSettings, image: &Image, tip_px: [f64; 2]) -> Result<Self, TrackerError> {
+        settings::check(&settings)?;
+        let (width_px, height_px) = (image.width_px, image.height_px);
+        if !is_sound(image) {
+            return Err(TrackerError::Image { width_px, height_px, pixels: image.pixels.len() });
+        }
+        let template_px = settings.template_px;
+        if template_px > width_px || template_px > height_px {
+            return Err(TrackerError::TemplateTooLarge { template_px, width_px, height_px });
+        }
+        let side = template_px as usize;
+        let blank = || Template::new(side, vec![0.0; (side + 2) * (side + 2)], None);
+        let picture_px = [width_px, height_px];
+        let mut tracker =
+            Self::assemble(settings, [blank(), blank()], picture_px, tip_px, TrackState::Tracking);
+
+        let within = |c: f64, size: u32| c >= -0.5 && c <= f64::from(size) - 0.5;
+        if !(within(tip_px[0], width_px) && within(tip_px[1], height_px)) {
+            return Err(TrackerError::TipOutside { tip_px });
+        }
+        let reach = tracker.tracking_reach();
+        tracker.region.fill_about(image, &tracker.taps, tip_px, reach);
+        if tracker.registrar.sample(&tracker.region, tip_px).is_err() {
+            return Err(TrackerError::TipOutside { tip_px });
+        }
+        let median = lit_median(image);
+        tracker.anchor.refresh(&tracker.registrar.patch, median);
+        tracker.previous.refresh(&tracker.registrar.patch, median);
+        if is_flat(&tracker.anchor, &settings) {
+            return Err(TrackerError::NoTexture { tip_px });
+        }
+        tracker.search = tracker.new_search();
+        let view = tracker.view(Inside::all(side), median);
+        tracker.last = Estimate { conditioning: None, ..tracker.estimate(Reason::Ok, tip_px, Some(view), 0) };
+        Ok(tracker)
+    }
+
+    /// Goes on from a checkpoint: LOST with [`Reason::Restarted`], searching about the last tip, and TRACKING only
+    /// after a fresh confirmation. Refuses a checkpoint that does not fit `settings` or holds impossible values.
+    pub fn restore(settings: TrackerSettings, checkpoint: &Checkpoint) -> Result<Self, TrackerError> {
+        settings::check(&settings)?;
+        let templates = checkpoint.templates(&settings)?;
+        let (picture_px, tip_px) = (checkpoint.picture_px, checkpoint.tip_px);
+        let mut tracker = Self::assemble(settings, templates, picture_px, tip_px, TrackState::Lost);
+        tracker.belief.lost_images = checkpoint.lost_images;
+        tracker.belief.restarted = true;
+        Ok(tracker)
+    }
+
+    fn assemble(
+        settings: TrackerSettings,
+        [anchor, previous]: [Template; 2],
+        picture_px: [u32; 2],
+        tip_px: [f64; 2],
+        state: TrackState,
+    ) -> Self {
+        let weights = window_weights(anchor.side, settings.weight_sigma_px);
+        let mut tracker = Self {
+            registrar: Registrar::new(&settings, weights),
+            search: Search::new(&anchor, settings.blur_sigma_px, settings.weight_sigma_px, [1, 1]),
+            region: Region::default(),
+            taps: blur_taps(settings.blur_sigma_px),
+            belief: Belief::at(state, tip_px),
+            last: Estimate::bare(state, Reason::Restarted, Some(tip_px)),
+            settings,
+            anchor,
+            previous,
+            picture_px,
+        };
+        tracker.search = tracker.new_search();
+        // The largest region there will be, so that its buffers never grow again.
+        let reach = tracker.tracking_reach();
+        tracker.region.fill_about(&Image::black(1, 1), &tracker.taps, [0.0; 2], reach);
+        tracker
+    }
+
+    fn new_search(&self) -> Search {
+        let picture = self.picture_px.map(|n| n as usize);
+        Search::new(&self.anchor, self.settings.blur_sigma_px, self.settings.weight_sigma_px, picture)
+    }
+
+    /// Looks for the tip in the next image.
+    ///
+    /// An image whose pixels do not match its size, or that is smaller than the template, is a loss like any other.
+    pub fn track(&mut self, image: &Image, context: &Context) -> Estimate {
+        let sane = |motion: &[f64; 2]| motion.iter().all(|c| c.abs() <= MAX_MOTION_PX);
+        let motion_px = context.motion_px.filter(sane);
+        let context =
+            &Context { axis_px: context.axis_px.filter(|a| a.iter().all(|c| c.abs() <= 1.0)), ..*context };
+        let estimate = if !is_sound(image) || image.width_px.min(image.height_px) < self.settings.template_px
+        {
+            self.declare_lost(Reason::OutOfImage, motion_px, None, 0)
+        } else {
+            let median = lit_median(image);
+            match self.belief.state {
+                TrackState::Tracking => self.follow(image, median, motion_px),
+                _ => self.seek(image, median, motion_px, context),
+            }
+        };
+        self.belief.restarted = false;
+        self.last = estimate;
+        estimate
+    }
+
+    /// TRACKING: register, correct the drift, test.
+    fn follow(&mut self, image: &Image, median: Option<f64>, motion_px: Option<[f64; 2]>) -> Estimate {
+        let guess_px = add(self.belief.tip_px, motion_px.unwrap_or(self.belief.velocity_px));
+        let reach = self.tracking_reach();
+        self.region.fill_about(image, &self.taps, guess_px, reach);
+
+        let changes = [&self.anchor, &self.previous].map(|template| self.change(template, median));
+        let first = if self.settings.update == UpdateStrategy::None {
+            self.registrar.run(&self.region, &self.anchor, changes[0], guess_px)
+        } else {
+            self.registrar.run(&self.region, &self.previous, changes[1], guess_px)
+        };
+        let mut found = match first {
+            Ok(found) => found,
+            Err(failure) => return self.declare_lost(failure.reason, motion_px, None, failure.iterations),
+        };
+        let mut update = self.settings.update == UpdateStrategy::Naive;
+        if self.settings.update == UpdateStrategy::DriftCorrected {
+            // Matthews, Ishikawa and Baker (2004): the new patch becomes a template only if the first template,
+            // started from the same place, agrees about where it is.
+            match self.registrar.run(&self.region, &self.anchor, changes[0], found.position_px) {
+                Ok(corrected) => {
+                    let iterations = found.iterations + corrected.iterations;
+                    if distance(found.position_px, corrected.position_px) <= self.settings.drift_tolerance_px
+                    {
+                        update = true;
+                        found = corrected;
+                    }
+                    found.iterations = iterations;
+                }
+                Err(failure) => found.iterations += failure.iterations,
+            }
+        }
+
+        let (at, iterations) = (found.position_px, found.iterations);
+        let view = match self.registrar.sample(&self.region, at) {
+            Ok(inside) => self.view(inside, median),
+            Err(reason) => return self.declare_lost(reason, motion_px, None, iterations),
+        };
+        if let Some(reason) = self.loss(&view) {
+            let estimate = self.declare_lost(reason, motion_px, Some(view), iterations);
+            return Estimate { conditioning: Some(found.conditioning), ..estimate };
+        }
+        let kept = self.settings.velocity_memory;
+        for axis in 0..2 {
+            let moved = at[axis] - self.belief.tip_px[axis];
+            self.belief.velocity_px[axis] = kept * self.belief.velocity_px[axis] + (1.0 - kept) * moved;
+        }
+        self.belief.tip_px = at;
+        self.belief.hold_previous = self.belief.hold_previous.saturating_sub(1);
+        if update {
+            self.previous.refresh(&self.registrar.patch, median);
+        }
+        let estimate = self.estimate(Reason::Ok, at, Some(view), iterations);
+        Estimate { conditioning: Some(found.conditioning), ..estimate }
+    }
+
+    /// The first test that fails. A correlation that cannot be computed (a flat patch) counts as failed.
+    fn loss(&self, view: &View) -> Option<Reason> {
+        let below = |ncc: Option<f64>, threshold: f64| ncc.is_none_or(|ncc| ncc < threshold);
+        let dim = self.settings.loss_brightness_ratio.is_some_and(|limit| view.too_bright_or_dim(limit));
+        if self.belief.hold_previous == 0 && below(view.ncc_previous, self.settings.loss_ncc_previous) {
+            Some(Reason::NccPrevious)
+        } else if below(view.ncc_anchor, self.settings.loss_ncc_anchor) {
+            Some(Reason::NccAnchor)
+        } else if dim {
+            Some(Reason::Brightness)
+        } else {
+            None
+        }
+    }
+
+    /// Freezes templates and tip; the tip only follows what was measured to have moved.
+    pub(crate) fn declare_lost(
+        &mut self,
+        reason: Reason,
+        motion_px: Option<[f64; 2]>,
+        view: Option<View>,
+        iterations: u32,
+    ) -> Estimate {
+        self.belief.tip_px = add(self.belief.tip_px, motion_px.unwrap_or_default());
+        self.belief.state = TrackState::Lost;
+        self.belief.velocity_px = [0.0; 2];
+        self.belief.lost_images = self.belief.lost_images.saturating_add(1);
+        self.belief.candidate_px = None;
+        self.belief.confirmed = 0;
+        let reason = if self.belief.restarted { Reason::Restarted } else { reason };
+        self.estimate(reason, self.belief.tip_px, view, iterations)
+    }
+
+    /// Believes a confirmed candidate; the registrar's patch is the one about it.
+    pub(crate) fn resume(&mut self, tip_px: [f64; 2], median: Option<f64>) {
+        self.belief =
+            Belief { hold_previous: HOLD_PREVIOUS_TEST, ..Belief::at(TrackState::Tracking, tip_px) };
+        if self.settings.update != UpdateStrategy::None {
+            self.previous.refresh(&self.registrar.patch, median);
+        }
+    }
+
+    pub(crate) fn estimate(
+        &self,
+        reason: Reason,
+        tip_px: [f64; 2],
+        view: Option<View>,
+        iterations: u32,
+    ) -> Estimate {
+        Estimate {
+            ncc_previous: view.and_then(|view| view.ncc_previous),
+            ncc_anchor: view.and_then(|view| view.ncc_anchor),
+            brightness_ratio: view.and_then(|view| view.brightness_ratio),
+            tip_level: view.map(|view| view.level.clamp(0.0, 255.0)),
+            iterations,
+            ..Estimate::bare(self.belief.state, reason, Some(tip_px))
+        }
+    }
+
+    /// Compares the registrar's patch with both templates.
+    pub(crate) fn view(&self, inside: Inside, median: Option<f64>) -> View {
+        let moments = |template: &Template| {
+            let (weights, patch) = (&self.registrar.weights, &self.registrar.patch);
+            Moments::of(weights, template.side, inside, patch, &template.padded)
+        };
+        let anchor = moments(&self.anchor);
+        let change = f64::from(self.anchor.change_to(median));
+        let ground = |m: &Moments| self.anchor.median.unwrap_or(m.mean_b);
+        View {
+            ncc_previous: moments(&self.previous).and_then(|m| m.ncc()),
+            ncc_anchor: anchor.and_then(|m| m.ncc()),
+            brightness_ratio: anchor.and_then(|m| m.brightness_ratio(change, ground(&m))),
+            level: anchor.map_or(0.0, |m| m.mean_a),
+        }
+    }
+
+    /// Δ for the optimiser. The paper's SSD knows no such offset.
+    pub(crate) fn change(&self, template: &Template, median: Option<f64>) -> f32 {
+        match self.settings.profile {
+            Profile::Paper => 0.0,
+            Profile::Robust => template.change_to(median),
+        }
+    }
+
+    /// Half-side of the region a registration may wander in: the window, its border, and a good jump.
+    fn tracking_reach(&self) -> usize {
+        let half = self.anchor.side / 2;
+        half + 3 + half.max(16)
+    }
+
+    /// What a restarted tracker needs to go on.
+    pub fn checkpoint(&self) -> Checkpoint {
+        Checkpoint {
+            template_px: self.settings.template_px,
+            picture_px: self.picture_px,
+            anchor: SavedTemplate::from(&self.anchor),
+            previous: SavedTemplate::from(&self.previous),
+            tip_px: self.belief.tip_px,
+            lost_images: self.belief.lost_images,
+        }
+    }
+
+    /// State after the last image.
+    pub fn state(&self) -> TrackState {
+        self.belief.state
+    }
+
+    /// Tip (u, v) in pixels: the estimate, or the last believed one while LOST or RECOVERING.
+    pub fn tip_px(&self) -> [f64; 2] {
+        self.belief.tip_px
+    }
+
+    /// Side S of the square template in pixels.
+    pub fn template_px(&self) -> u32 {
+        self.settings.template_px
+    }
+
+    /// The settings the tracker runs with.
+    pub fn settings(&self) -> &TrackerSettings {
+        &self.settings
+    }
+
+    /// The last answer; for a new tracker that of the image it was made from.
+    pub fn last_estimate(&self) -> Estimate {
+        self.last
+    }
+}
+
+impl View {
+    /// Whether the brightness test with this limit fails.
+    pub fn too_bright_or_dim(&self, limit: f64) -> bool {
+        self.brightness_ratio.is_none_or(|ratio| ratio > limit)
+    }
+}
+
+/// Whether the pixels match the size, and there are any.
+fn is_sound(image: &Image) -> bool {
+    let expected = (image.width_px as usize).checked_mul(image.height_px as usize);
+    expected == Some(image.pixels.len()) && !image.pixels.is_empty()
+}
+
+pub(crate) fn add(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    let d = [a[0] - b[0], a[1] - b[1]];
+    (d[0] * d[0] + d[1] * d[1]).sqrt()
+}

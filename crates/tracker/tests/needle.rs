@@ -1,0 +1,242 @@
+//! A needle that moves over speckle that stands still.
+
+mod support;
+
+use sonoloop_tracker::{Context, Tracker};
+use sonoloop_types::{Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy};
+use support::{NeedleScene, distance, in_parallel};
+
+const IMAGES: u32 = 120;
+const ANGLES_RAD: [f64; 3] = [0.2, 0.45, -0.5];
+
+fn robust(similarity: Similarity) -> TrackerSettings {
+    TrackerSettings { similarity, ..TrackerSettings::profile(Profile::Robust, 20) }
+}
+
+/// Whether both similarities (SSD, SCV) stay TRACKING within 2 px to the end.
+fn follows(seed: u64, background: f32, angle_rad: f64, gain: impl Fn(u32) -> f32) -> [bool; 2] {
+    let mut scene = NeedleScene::new(seed, background, angle_rad);
+    let (start, step) = scene.path();
+    scene.gain_db = gain(0);
+    let first = scene.image(start, 1.0);
+    let mut trackers = [Similarity::Ssd, Similarity::Scv]
+        .map(|similarity| Tracker::new(robust(similarity), &first, start).expect("a sound first image"));
+    let mut good = [true; 2];
+    for k in 1..IMAGES {
+        let tip = [start[0] + f64::from(k) * step[0], start[1] + f64::from(k) * step[1]];
+        scene.gain_db = gain(k);
+        let image = scene.image(tip, 1.0);
+        for (good, tracker) in good.iter_mut().zip(&mut trackers) {
+            let estimate = tracker.track(&image, &Context::default());
+            let off = distance(estimate.tip_px.expect("a tip"), tip);
+            *good &= estimate.state == TrackState::Tracking && off < 2.0;
+        }
+    }
+    good
+}
+
+fn share(results: &[[bool; 2]], which: usize) -> f64 {
+    results.iter().filter(|good| good[which]).count() as f64 / results.len() as f64
+}
+
+#[test]
+fn robust_follows_the_needle_over_every_background() {
+    let mut cases = Vec::new();
+    for background in [0.1, 0.3, 0.5, 0.8, 1.0] {
+        for seed in [21, 22] {
+            cases.extend(ANGLES_RAD.map(|angle_rad| (seed, background, angle_rad)));
+        }
+    }
+    let results =
+        in_parallel(&cases, |(seed, background, angle)| follows(*seed, *background, *angle, |_| 0.0));
+    assert!(share(&results, 0) >= 0.95, "SSD: {results:?}");
+    assert!(share(&results, 1) >= 0.95, "SCV: {results:?}");
+}
+
+#[test]
+fn a_gain_step_in_one_image_does_not_lose_the_needle() {
+    let cases: Vec<_> = [31, 32].into_iter().flat_map(|s| [-6.0, 4.0].map(|db| (s, db))).collect();
+    let results =
+        in_parallel(&cases, |(seed, db)| follows(*seed, 0.3, 0.45, |k| if k < 40 { 0.0 } else { *db }));
+    assert!(results.iter().all(|good| *good == [true; 2]), "{results:?}");
+}
+
+/// The needle stops while it is not tracked; it fades from image 50 on, is absent, and comes back.
+struct Fading {
+    declared_after: Option<u32>,
+    tracking_while_absent: bool,
+    recovered_within_px: Option<f64>,
+}
+
+fn fade(seed: u64, background: f32, similarity: Similarity, fading_images: u32) -> Fading {
+    const ABSENT: u32 = 50;
+    const BACK: u32 = 90;
+    let mut scene = NeedleScene::new(seed, background, 0.45);
+    let (mut tip, step) = scene.path();
+    let mut tracker =
+        Tracker::new(robust(similarity), &scene.image(tip, 1.0), tip).expect("a sound first image");
+    let mut result = Fading { declared_after: None, tracking_while_absent: false, recovered_within_px: None };
+    for k in 1..130 {
+        let moving = tracker.state() == TrackState::Tracking;
+        if moving {
+            tip = [tip[0] + step[0], tip[1] + step[1]];
+        }
+        let strength = if k >= BACK {
+            1.0
+        } else {
+            (f64::from(ABSENT) - f64::from(k)).max(0.0) / f64::from(fading_images)
+        };
+        let motion_px = Some(if moving { step } else { [0.0; 2] });
+        let image = scene.image(tip, strength.min(1.0));
+        let estimate = tracker.track(&image, &Context { motion_px, hold_confirmation: false, axis_px: None });
+        let tracking = estimate.state == TrackState::Tracking;
+        if (ABSENT..BACK).contains(&k) {
+            if !tracking && result.declared_after.is_none() {
+                result.declared_after = Some(k - ABSENT);
+            }
+            result.tracking_while_absent |= tracking && result.declared_after.is_some();
+        }
+        if k >= BACK && tracking {
+            let off = distance(estimate.tip_px.expect("a tip"), tip);
+            result.recovered_within_px = Some(off.max(result.recovered_within_px.unwrap_or(0.0)));
+        }
+    }
+    result
+}
+
+#[test]
+fn a_needle_that_fades_is_declared_lost_and_found_again() {
+    let mut cases = Vec::new();
+    for background in [0.1, 0.5, 1.0] {
+        for seed in [41, 42] {
+            for similarity in [Similarity::Ssd, Similarity::Scv] {
+                cases.extend([1, 8].map(|fading| (seed, background, similarity, fading)));
+            }
+        }
+    }
+    let results = in_parallel(&cases, |(seed, background, similarity, fading)| {
+        fade(*seed, *background, *similarity, *fading)
+    });
+    for (case, result) in cases.iter().zip(results) {
+        assert!(
+            result.declared_after.is_some_and(|images| images <= 5),
+            "{case:?}: {:?}",
+            result.declared_after
+        );
+        assert!(!result.tracking_while_absent, "{case:?}: tracking while absent");
+        let off = result.recovered_within_px;
+        assert!(off.is_some_and(|off| off < 2.5), "{case:?}: recovered {off:?} px off");
+    }
+}
+
+#[test]
+fn one_image_without_the_needle_is_a_loss_and_three_with_it_confirm() {
+    let mut scene = NeedleScene::new(51, 0.3, 0.45);
+    let (tip, _) = scene.path();
+    let still = Context { motion_px: Some([0.0; 2]), hold_confirmation: false, axis_px: None };
+    let held = Context { hold_confirmation: true, ..still };
+    let mut tracker =
+        Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
+    let mut see =
+        |strength: f64, context: &Context| tracker.track(&scene.image(tip, strength), context).state;
+
+    assert_eq!(see(1.0, &still), TrackState::Tracking);
+    assert_eq!(see(0.0, &still), TrackState::Lost);
+    assert_eq!(see(1.0, &still), TrackState::Recovering);
+    assert_eq!(see(1.0, &still), TrackState::Recovering);
+    // A relapse starts the count again.
+    assert_eq!(see(0.0, &still), TrackState::Lost);
+    for _ in 0..6 {
+        assert_eq!(see(1.0, &held), TrackState::Recovering);
+    }
+    assert_eq!(see(1.0, &still), TrackState::Recovering);
+    assert_eq!(see(1.0, &still), TrackState::Recovering);
+    assert_eq!(see(1.0, &still), TrackState::Tracking);
+    for _ in 0..5 {
+        assert_eq!(see(1.0, &still), TrackState::Tracking);
+    }
+}
+
+#[test]
+fn while_lost_the_correlation_near_the_last_tip_rises_towards_the_plane() {
+    let mut scene = NeedleScene::new(61, 0.3, 0.45);
+    let (tip, _) = scene.path();
+    let still = Context { motion_px: Some([0.0; 2]), hold_confirmation: true, axis_px: None };
+    let mut tracker =
+        Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
+    let mut mean = |strength: f64| {
+        tracker.track(&scene.image(tip, 0.0), &still);
+        let estimates: Vec<_> = (0..4).map(|_| tracker.track(&scene.image(tip, strength), &still)).collect();
+        let of = |value: fn(&sonoloop_types::Estimate) -> Option<f64>| {
+            estimates.iter().map(|e| value(e).expect("a value while lost")).sum::<f64>() / 4.0
+        };
+        [of(|e| e.ncc_anchor), of(|e| e.tip_level)]
+    };
+    let [gone, faint, full] = [0.0, 0.15, 1.0].map(&mut mean);
+    assert!(gone[0] < faint[0] && faint[0] < full[0], "{gone:?} {faint:?} {full:?}");
+    assert!(faint[1] < full[1], "{faint:?} {full:?}");
+}
+
+#[test]
+fn far_from_the_last_tip_the_whole_image_is_searched_after_a_while() {
+    for similarity in [Similarity::Ssd, Similarity::Scv] {
+        let mut scene = NeedleScene::new(71, 0.3, 0.45);
+        let (tip, _) = scene.path();
+        let mut tracker =
+            Tracker::new(robust(similarity), &scene.image(tip, 1.0), tip).expect("a sound image");
+        tracker.track(&scene.image(tip, 0.0), &Context::default());
+        let elsewhere = [430.0, 310.0];
+        let mut found_at = None;
+        for k in 0..20 {
+            let estimate = tracker.track(&scene.image(elsewhere, 1.0), &Context::default());
+            if estimate.state == TrackState::Tracking {
+                assert!(distance(estimate.tip_px.expect("a tip"), elsewhere) < 2.0);
+                found_at = Some(k);
+                break;
+            }
+        }
+        assert!(found_at.is_some_and(|k| k >= 10), "{similarity:?}: {found_at:?}");
+    }
+}
+
+#[test]
+fn the_naive_update_drifts_more_than_the_corrected_one() {
+    let mut late_px = [0.0; 2];
+    for seed in [101, 102, 103] {
+        let mut scene = NeedleScene::new(seed, 0.3, 0.45);
+        let (start, step) = scene.path();
+        let first = scene.image(start, 1.0);
+        let mut trackers = [UpdateStrategy::Naive, UpdateStrategy::DriftCorrected].map(|update| {
+            let settings = TrackerSettings { update, ..robust(Similarity::Ssd) };
+            Tracker::new(settings, &first, start).expect("a sound first image")
+        });
+        for k in 1..IMAGES {
+            let tip = [start[0] + f64::from(k) * step[0], start[1] + f64::from(k) * step[1]];
+            let image = scene.image(tip, 1.0);
+            for (late_px, tracker) in late_px.iter_mut().zip(&mut trackers) {
+                let estimate = tracker.track(&image, &Context::default());
+                if k >= IMAGES - 20 {
+                    *late_px += distance(estimate.tip_px.expect("a tip"), tip) / 60.0;
+                }
+            }
+        }
+    }
+    assert!(late_px[0] > 2.0 * late_px[1], "naive {} px, corrected {} px", late_px[0], late_px[1]);
+}
+
+#[test]
+fn the_paper_profile_recovers_below_its_loss_threshold_without_flapping() {
+    let settings = TrackerSettings::profile(Profile::Paper, 20);
+    assert!(settings.recovery_ncc < settings.loss_ncc_previous);
+    let mut scene = NeedleScene::new(81, 0.1, 0.45);
+    let (tip, _) = scene.path();
+    let still = Context { motion_px: Some([0.0; 2]), hold_confirmation: false, axis_px: None };
+    let mut tracker = Tracker::new(settings, &scene.image(tip, 1.0), tip).expect("a sound image");
+    for _ in 0..4 {
+        tracker.track(&scene.image(tip, 0.0), &still);
+    }
+    assert_eq!(tracker.state(), TrackState::Lost);
+    // A dimmer needle than T_1's: recovered once, then kept.
+    let states: Vec<_> = (0..12).map(|_| tracker.track(&scene.image(tip, 0.5), &still).state).collect();
+    assert!(states.iter().all(|state| *state == TrackState::Tracking), "{states:?}");
+}

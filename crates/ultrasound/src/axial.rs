@@ -1,0 +1,79 @@
+//! From working rows to display rows: the pulse.
+
+use crate::{
+    beam::{Beam, PROFILE_REACH, exp_minus, unit_energy_peak},
+    lateral::{LateralFilters, LateralScratch, LineMap},
+    splat::Grid,
+};
+
+/// Columns are padded to a multiple of this, the width of the inner loops.
+pub const BLOCK: usize = 16;
+/// Rows kept: the pulse spans 13 rows at the steepest tilt.
+const RING: usize = 16;
+
+/// Scratch for one task: laterally filtered rows, the newest [`RING`] of them.
+#[derive(Default)]
+pub struct AxialScratch {
+    lateral: LateralScratch,
+    ring: Vec<f32>,
+    taps: Vec<f32>,
+}
+
+/// What turns a filled grid into display rows.
+pub struct BeamFilters<'a> {
+    pub beam: &'a Beam,
+    pub lateral: &'a LateralFilters,
+    pub grid: &'a Grid,
+    pub map: LineMap,
+    /// Rows of the grid.
+    pub rows: usize,
+}
+
+impl AxialScratch {
+    /// Fills the display rows from `first_row` on; `out` holds, per row, `columns` real parts and as many
+    /// imaginary ones.
+    pub fn display_rows(
+        &mut self,
+        filters: &BeamFilters,
+        columns: usize,
+        spacing_m: f64,
+        first_row: usize,
+        out: &mut [f32],
+    ) {
+        let BeamFilters { beam, lateral, grid, map, rows } = filters;
+        let (reach_m, step_m) = (PROFILE_REACH * beam.sigma_axial_m, map.row_step_m);
+        let peak = unit_energy_peak(beam.sigma_axial_m) as f32;
+        let decay = (0.5 / (beam.sigma_axial_m * beam.sigma_axial_m)) as f32;
+        self.ring.resize(RING * 2 * columns, 0.0);
+        let window = |v: usize| {
+            let z_m = v as f64 * spacing_m;
+            let low = ((z_m - reach_m) / step_m).ceil().max(0.0) as usize;
+            let high = (((z_m + reach_m) / step_m).floor() as usize + 1).min(*rows);
+            (z_m, low, high)
+        };
+        let mut filled = window(first_row).1;
+        for (i, out) in out.chunks_exact_mut(2 * columns).enumerate() {
+            let (z_m, low, high) = window(first_row + i);
+            while filled < high {
+                let row = &mut self.ring[filled % RING * 2 * columns..][..2 * columns];
+                self.lateral.filter_row(lateral, beam, grid, map, filled, row.split_at_mut(columns).into());
+                filled += 1;
+            }
+            self.taps.clear();
+            self.taps.extend((low..high).map(|row| {
+                let d = (z_m - row as f64 * step_m) as f32;
+                peak * exp_minus(d * d * decay)
+            }));
+            for (x, out) in out.chunks_exact_mut(BLOCK).enumerate() {
+                let mut sum = [0.0f32; BLOCK];
+                for (row, &tap) in (low..high).zip(&self.taps) {
+                    let source = &self.ring[row % RING * 2 * columns + x * BLOCK..][..BLOCK];
+                    for (s, &v) in sum.iter_mut().zip(source) {
+                        *s += tap * v;
+                    }
+                }
+                out.copy_from_slice(&sum);
+            }
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Widths and wavelengths of the two-way beam.
+
+use core::f64::consts::PI;
+
+use sonoloop_types::ProbeSpec;
+
+/// Full width at half maximum of a Gaussian over its σ, 2·√(2·ln 2).
+const FWHM_PER_SIGMA: f64 = 2.354_820_045;
+/// Step of the table of slice thickness: fine enough to take the nearest entry.
+const DEPTH_STEP_M: f64 = 0.02e-3;
+/// The beam is never taken wider than this many times its constant-F# width.
+const MAX_WIDENING: f64 = 4.0;
+/// Active aperture at no depth, in elements.
+const MIN_APERTURE_ELEMENTS: f64 = 4.0;
+/// Slice thickness at which the levels of a needle are stated. [assumed] A point stands out over speckle by
+/// the inverse root of the thickness; levels need one thickness to refer to.
+const LEVEL_REFERENCE_THICKNESS_M: f64 = 1e-3;
+
+/// Elevation profiles are cut at this many σ: amplitude 4 %, and 4e-4 of the energy is beyond.
+pub const ELEVATION_REACH: f64 = 2.5;
+/// Axial and lateral profiles are cut at this many σ for speckle: amplitude 0.1 %.
+pub const PROFILE_REACH: f64 = 3.7;
+
+/// The two-way beam of one probe: Gaussian amplitude profiles in elevation, laterally and axially.
+#[derive(Debug, Clone)]
+pub struct Beam {
+    probe: ProbeSpec,
+    /// 2k = 4π/λ: phase per metre of depth.
+    pub two_k_rad_m: f64,
+    /// σ of the pulse's amplitude along depth.
+    pub sigma_axial_m: f64,
+    /// σ of the lateral amplitude profile with a full aperture.
+    pub sigma_lateral_m: f64,
+    /// Half the array's length.
+    pub half_aperture_m: f64,
+    /// σ of the elevational profile every [`DEPTH_STEP_M`].
+    elevation_sigma_m: Vec<f64>,
+}
+
+impl Beam {
+    pub fn new(probe: &ProbeSpec) -> Self {
+        let (c, f) = (probe.assumed_sound_speed_m_s, probe.centre_frequency_hz);
+        // σ_f = B·f/2.355, σ_t = 1/(2π·σ_f), σ_z = c·σ_t/2: Gaussian pulse with −6 dB bandwidth B.
+        let sigma_frequency_hz = probe.fractional_bandwidth * f / FWHM_PER_SIGMA;
+        let deepest_m = probe.elevation.last().map_or(0.0, |s| s.depth_m);
+        let depths = (0..=(deepest_m / DEPTH_STEP_M) as usize + 1).map(|i| i as f64 * DEPTH_STEP_M);
+        Self {
+            probe: probe.clone(),
+            two_k_rad_m: 4.0 * PI * f / c,
+            sigma_axial_m: c / (4.0 * PI * sigma_frequency_hz),
+            sigma_lateral_m: probe.lateral_width_m() / FWHM_PER_SIGMA,
+            half_aperture_m: probe.aperture_m() / 2.0,
+            elevation_sigma_m: depths.map(|z_m| probe.slice_thickness_m(z_m) / FWHM_PER_SIGMA).collect(),
+        }
+    }
+
+    pub fn wavelength_m(&self) -> f64 {
+        4.0 * PI / self.two_k_rad_m
+    }
+
+    pub fn centre_frequency_hz(&self) -> f64 {
+        self.probe.centre_frequency_hz
+    }
+
+    /// σ of the elevational amplitude profile at a depth.
+    pub fn sigma_elevation_m(&self, depth_m: f64) -> f64 {
+        let index = (depth_m * (1.0 / DEPTH_STEP_M) + 0.5) as usize;
+        self.elevation_sigma_m[index.min(self.elevation_sigma_m.len() - 1)]
+    }
+
+    /// Smallest and largest σ of the elevational profile over all depths.
+    pub fn sigma_elevation_range_m(&self) -> [f64; 2] {
+        let widths = self.probe.elevation.iter().map(|s| s.width_m);
+        let [low, high] = widths.fold([f64::INFINITY, 0.0], |[a, b], w| [w.min(a), w.max(b)]);
+        [low / FWHM_PER_SIGMA, high / FWHM_PER_SIGMA]
+    }
+
+    /// Active aperture that a constant F# asks for at a depth.
+    pub fn wanted_aperture_m(&self, depth_m: f64) -> f64 {
+        (depth_m / self.probe.f_number).max(MIN_APERTURE_ELEMENTS * self.probe.pitch_m)
+    }
+
+    /// How much wider than σ_l the beam is for the line at `x_m`: wanted over available aperture. The array
+    /// ends, so lines near its edge, and deep ones, have less than they want.
+    pub fn widening(&self, x_m: f64, depth_m: f64) -> f64 {
+        let (wanted, half) = (self.wanted_aperture_m(depth_m), self.half_aperture_m);
+        let available = (x_m + wanted / 2.0).min(half) - (x_m - wanted / 2.0).max(-half);
+        if available * MAX_WIDENING <= wanted { MAX_WIDENING } else { wanted / available }
+    }
+
+    /// Factor from a level over speckle, as a needle states it, to the echo's peak at this place.
+    pub fn level_scale(&self, x_m: f64, depth_m: f64) -> f64 {
+        let thickness_m = FWHM_PER_SIGMA * self.sigma_elevation_m(depth_m);
+        (LEVEL_REFERENCE_THICKNESS_M / thickness_m / self.widening(x_m, depth_m)).sqrt()
+    }
+}
+
+/// Peak of a Gaussian amplitude profile of unit energy, (π·σ²)^(−1/4).
+pub fn unit_energy_peak(sigma_m: f64) -> f64 {
+    1.0 / (PI * sigma_m * sigma_m).sqrt().sqrt()
+}
+
+/// 10^(dB/20).
+pub fn amplitude_from_db(db: f64) -> f64 {
+    libm::exp(db * (core::f64::consts::LN_10 / 20.0))
+}
+
+/// exp(−x) for 0 ≤ x ≤ 8.5 to 1e-4 of its value: a Taylor polynomial of x/16, four times squared. Plain
+/// products and sums, so loops over it vectorise and every CPU gives the same bits.
+#[inline(always)]
+pub fn exp_minus(x: f32) -> f32 {
+    let y = x * (1.0 / 16.0);
+    let series = 1.0
+        - y * (1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y * (1.0 / 120.0 - y * (1.0 / 720.0))))));
+    let squared = series * series;
+    let fourth = squared * squared;
+    let eighth = fourth * fourth;
+    eighth * eighth
+}
+
+#[cfg(test)]
+mod tests {
+    use super::exp_minus;
+
+    #[test]
+    fn truth_fast_exponential_follows_libm() {
+        for i in 0..=850 {
+            let x = i as f32 * 0.01;
+            let exact = libm::exp(-f64::from(x));
+            assert!((f64::from(exp_minus(x)) / exact - 1.0).abs() < 1e-4, "at {x}");
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! From the complex field to grey levels: noise, time-gain compensation, logarithm.
+
+use sonoloop_types::ProbeSpec;
+
+use crate::{beam::amplitude_from_db, gain::GainMap, lattice::mix, tape::gaussian_tape};
+
+/// Samples of electronic noise that all pictures share, read at a hashed offset per row.
+const NOISE_LENGTH: usize = 1 << 16;
+/// Pixels that go through the steps together.
+const PASS: usize = 64;
+/// Ringing in the lens under a blind element: level over unit speckle, decay, spacing. [assumed]
+const RINGING_LEVEL_DB: f64 = 28.0;
+const RINGING_DECAY_DB_M: f64 = 5.5e3;
+const RINGING_SPACING_M: f64 = 0.9e-3;
+const RINGING_SIGMA_M: f64 = 0.15e-3;
+/// Ringing is below the noise beyond this depth.
+const RINGING_DEPTH_M: f64 = 15e-3;
+
+/// The receiver and the screen.
+pub struct Display {
+    seed: u64,
+    noise: Vec<[f32; 2]>,
+    /// Noise rms over unit speckle.
+    noise_amplitude: f32,
+    /// Two-way compensation per metre of depth.
+    tgc_db_m: f64,
+    /// Grey level of 0 dB over unit speckle, and levels per dB.
+    white_db: f32,
+    grey_per_db: f32,
+}
+
+/// The settings of one picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Exposure {
+    pub sequence: u64,
+    pub gain_db: f64,
+    pub spacing_m: f64,
+}
+
+impl Display {
+    pub fn new(probe: &ProbeSpec, seed: u64) -> Self {
+        Self {
+            seed: mix(seed ^ 0x6e6f_6973_6500_0000),
+            noise: gaussian_tape(seed, 2, NOISE_LENGTH),
+            noise_amplitude: amplitude_from_db(probe.noise_level_db) as f32,
+            tgc_db_m: 2.0 * 100.0 * probe.tgc_db_cm_mhz * probe.centre_frequency_hz * 1e-6,
+            white_db: probe.speckle_level_db as f32,
+            grey_per_db: (255.0 / probe.dynamic_range_db) as f32,
+        }
+    }
+
+    /// Grey levels of one display row from its field before losses.
+    pub fn row(
+        &self,
+        exposure: &Exposure,
+        gain: &GainMap,
+        row: usize,
+        field: (&[f32], &[f32]),
+        pixels: &mut [u8],
+    ) {
+        let columns = pixels.len();
+        let z_m = row as f64 * exposure.spacing_m;
+        let hash = mix(self.seed ^ mix(exposure.sequence ^ mix(row as u64)));
+        let first = (hash % (NOISE_LENGTH - columns.min(NOISE_LENGTH)) as u64) as usize;
+        let noise = &self.noise[first..][..columns];
+        let gain_db = if exposure.gain_db.is_finite() { exposure.gain_db } else { 0.0 };
+        let level_db = (self.tgc_db_m * z_m + gain_db.clamp(-200.0, 200.0)) as f32 - self.white_db;
+        let ringing = if gain.any_blind { ringing(z_m) } else { 0.0 };
+        let (above, below, share) = gain.row(row);
+        let (above, below) = (&above[..columns], &below[..columns]);
+        let (re, im, blind) = (&field.0[..columns], &field.1[..columns], &gain.blind[..columns]);
+        // In short passes over a few pixels: the logarithm is one long chain, and several must be under way.
+        for first in (0..columns).step_by(PASS) {
+            let here = first..columns.min(first + PASS);
+            let mut level = [0.0f32; PASS];
+            let (above, below, noise) = (&above[here.clone()], &below[here.clone()], &noise[here.clone()]);
+            let (re, im, blind) = (&re[here.clone()], &im[here.clone()], &blind[here.clone()]);
+            for (x, level) in level.iter_mut().enumerate().take(re.len()) {
+                let a = above[x] + share * (below[x] - above[x]);
+                let r = re[x] * a + noise[x][0] * self.noise_amplitude + blind[x] * ringing;
+                let i = im[x] * a + noise[x][1] * self.noise_amplitude;
+                *level = r * r + i * i;
+            }
+            for level in &mut level {
+                *level = power_db(*level);
+            }
+            for (pixel, level) in pixels[here].iter_mut().zip(&level) {
+                let grey = 255.0 + self.grey_per_db * (level_db + level);
+                // Adding 2²³ rounds to the nearest whole number and leaves it in the low bits.
+                *pixel = (grey.clamp(0.0, 255.0) + 8_388_608.0).to_bits() as u8;
+            }
+        }
+    }
+}
+
+/// Amplitude of the ringing bands at a depth; real, as the lens does not move.
+fn ringing(z_m: f64) -> f32 {
+    if z_m > RINGING_DEPTH_M {
+        return 0.0;
+    }
+    let from_band_m = z_m - (z_m / RINGING_SPACING_M).round() * RINGING_SPACING_M;
+    let u = from_band_m / RINGING_SIGMA_M;
+    let band = 0.15 + 0.85 * libm::exp(-0.5 * u * u);
+    (band * amplitude_from_db(RINGING_LEVEL_DB - RINGING_DECAY_DB_M * z_m)) as f32
+}
+
+/// 10·log10 of a power to 1e-4 dB: exponent bits, and the series of atanh for the mantissa. The floor of
+/// −300 dB keeps zero finite.
+#[inline(always)]
+fn power_db(power: f32) -> f32 {
+    const DB_PER_OCTAVE: f32 = 3.010_3;
+    let bits = power.max(1e-30).to_bits();
+    let exponent = (bits >> 23) as i32 - 127;
+    let mantissa = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
+    let t = (mantissa - 1.0) / (mantissa + 1.0);
+    let t2 = t * t;
+    let series = t * (1.0 + t2 * (1.0 / 3.0 + t2 * (0.2 + t2 * (1.0 / 7.0 + t2 * (1.0 / 9.0)))));
+    DB_PER_OCTAVE * (exponent as f32 + 2.0 * core::f32::consts::LOG2_E * series)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::power_db;
+
+    #[test]
+    fn truth_fast_decibels_follow_libm() {
+        for i in -2000..2000 {
+            let power = libm::exp(f64::from(i) * 0.03) as f32;
+            let exact = 10.0 * libm::log10(f64::from(power.max(1e-30)));
+            assert!((f64::from(power_db(power)) - exact).abs() < 2e-4, "at {power}");
+        }
+        assert!(power_db(0.0) < -290.0);
+    }
+}

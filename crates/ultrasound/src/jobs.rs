@@ -1,0 +1,174 @@
+//! Which stretches of tape go into which lines of the grid.
+
+use crate::{
+    columns::Columns,
+    elevation::{ElevationTable, STRIDE},
+    lattice::{Lattice, TAPE_LENGTH},
+    shear::Shear,
+    tape::{BakedTape, SUB_DELAYS},
+};
+
+/// A stretch of one column in one material inside the slice.
+#[derive(Debug, Clone, Copy)]
+pub struct Job {
+    /// Lines `line` and `line + 1` get the shares `1 − fraction` and `fraction`.
+    pub line: u32,
+    pub fraction: f32,
+    /// Rows `lo..lo + count`.
+    pub lo: u32,
+    pub count: u32,
+    /// Index into the baked tape at row `lo`.
+    pub tape: u32,
+    /// Block and index of the elevational weights at row `lo`.
+    pub block: u32,
+    pub weight: u32,
+    /// Material amplitude times phase.
+    pub re: f32,
+    pub im: f32,
+}
+
+/// Jobs of one picture, sorted by line; columns of equal line keep the order of the lattice.
+#[derive(Default)]
+pub struct Jobs {
+    unsorted: Vec<Job>,
+    pub sorted: Vec<Job>,
+    /// Jobs of line l are `sorted[starts[l]..starts[l + 1]]`.
+    pub starts: Vec<u32>,
+    phase_x: Vec<[f64; 2]>,
+    phase_y: Vec<[f64; 2]>,
+    wraps: Vec<[f64; 2]>,
+}
+
+fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
+    [a * c - b * d, a * d + b * c]
+}
+
+/// Largest whole number at or below `v`, for |v| below 2⁴⁰. SSE2 has no rounding, and a call per column tells.
+#[inline(always)]
+pub fn floor(v: f64) -> i64 {
+    const OFFSET: i64 = 1 << 40;
+    (v + OFFSET as f64) as i64 - OFFSET
+}
+
+impl Jobs {
+    pub fn build(
+        &mut self,
+        shear: &Shear,
+        lattice: &Lattice,
+        elevation: &ElevationTable,
+        columns: &mut Columns,
+        tape: &BakedTape,
+        phase_per_row_rad: f64,
+    ) {
+        let [[ix_min, ix_max], [iy_min, iy_max]] = shear.columns;
+        let turn = |rows: f64| {
+            let (sin, cos) = libm::sincos(-phase_per_row_rad * rows);
+            [cos, sin]
+        };
+        self.phase_x.clear();
+        self.phase_x.extend((ix_min..=ix_max).map(|ix| turn(shear.top_row.per_ix * f64::from(ix))));
+        self.phase_y.clear();
+        self.phase_y.extend((iy_min..=iy_max).map(|iy| turn(shear.top_row.in_row(iy))));
+        self.wraps.clear();
+
+        self.unsorted.clear();
+        for iy in iy_min..=iy_max {
+            let [first, last] = self.overlap(shear, elevation, iy);
+            for ix in first..=last {
+                let (block, runs) = elevation.runs(shear.e.at(ix, iy));
+                if runs.is_empty() {
+                    continue;
+                }
+                let x_m = shear.x.at(ix, iy);
+                let (x_lo, x_hi) = shear.rows_within(x_m, shear.lateral_slope, shear.reach_m);
+                if x_lo == x_hi {
+                    continue;
+                }
+                // Whole strides where nothing forbids it: aligned rows are quicker to add.
+                let (x_lo, x_hi) = (x_lo / STRIDE * STRIDE, x_hi.next_multiple_of(STRIDE).min(shear.rows));
+                let line = (x_m - shear.first_line_m) / shear.line_pitch_m;
+                if !(line >= 0.0 && line < (shear.lines - 1) as f64) {
+                    continue;
+                }
+                let delays = floor(shear.top_row.at(ix, iy) * SUB_DELAYS as f64 + 0.5);
+                let half = SUB_DELAYS as i64 / 2;
+                let row_of_0 = (delays + half).div_euclid(SUB_DELAYS as i64);
+                let sub_delay = (delays + half).rem_euclid(SUB_DELAYS as i64) as usize;
+                let offset = lattice.tape_offset(ix, iy);
+                let phase = product(
+                    product(self.phase_x[(ix - ix_min) as usize], self.phase_y[(iy - iy_min) as usize]),
+                    tape.carrier(offset),
+                );
+                for stretch in columns.get(ix, iy) {
+                    if stretch.amplitude == 0.0 {
+                        continue;
+                    }
+                    // Scatterers n of the stretch lie in rows n + row_of_0.
+                    let lo = (i64::from(stretch.start) + row_of_0).max(x_lo as i64);
+                    let hi = (i64::from(stretch.end) + row_of_0).min(x_hi as i64);
+                    for run in runs {
+                        let (lo, hi) = (lo.max(i64::from(run.lo)), hi.min(i64::from(run.hi)));
+                        if lo >= hi {
+                            continue;
+                        }
+                        let sample = (lo - row_of_0) as usize + offset;
+                        let wrap = sample / TAPE_LENGTH;
+                        while self.wraps.len() <= wrap {
+                            self.wraps.push(turn((self.wraps.len() * TAPE_LENGTH) as f64));
+                        }
+                        let [re, im] = product(phase, self.wraps[wrap]);
+                        self.unsorted.push(Job {
+                            line: line as u32,
+                            fraction: (line - f64::from(line as u32)) as f32,
+                            lo: lo as u32,
+                            count: (hi - lo) as u32,
+                            tape: (sub_delay * tape.stride + sample % TAPE_LENGTH) as u32,
+                            block,
+                            weight: run.first + (lo as u32 - run.lo),
+                            re: re as f32 * stretch.amplitude,
+                            im: im as f32 * stretch.amplitude,
+                        });
+                    }
+                }
+            }
+        }
+        self.sort(shear.lines);
+    }
+
+    /// Range of ix whose columns can meet the slice and the picture's width in lattice row iy.
+    fn overlap(&self, shear: &Shear, elevation: &ElevationTable, iy: i32) -> [i32; 2] {
+        let [low, high] = shear.columns[0];
+        let mut range = [f64::from(low), f64::from(high)];
+        let [e_low, e_high] = elevation.range_m();
+        let x_high = shear.first_line_m + shear.line_pitch_m * shear.lines as f64;
+        for (value, low, high) in [(shear.e, e_low, e_high), (shear.x, shear.first_line_m, x_high)] {
+            if value.per_ix.abs() < 1e-9 {
+                continue;
+            }
+            let at_zero = value.in_row(iy);
+            let (a, b) = ((low - at_zero) / value.per_ix, (high - at_zero) / value.per_ix);
+            range = [range[0].max(a.min(b) - 1.0), range[1].min(a.max(b) + 1.0)];
+        }
+        if range[0] > range[1] { [1, 0] } else { [range[0] as i32, range[1] as i32] }
+    }
+
+    /// Counting sort by line, stable.
+    fn sort(&mut self, lines: usize) {
+        self.starts.clear();
+        self.starts.resize(lines + 1, 0);
+        for job in &self.unsorted {
+            self.starts[job.line as usize + 1] += 1;
+        }
+        for line in 0..lines {
+            self.starts[line + 1] += self.starts[line];
+        }
+        self.sorted.clear();
+        self.sorted.extend_from_slice(&self.unsorted);
+        let mut next = self.starts.clone();
+        for job in &self.unsorted {
+            let place = &mut next[job.line as usize];
+            self.sorted[*place as usize] = *job;
+            *place += 1;
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! From sheared lines to display columns: the lateral beam, row by row.
+
+use crate::{
+    beam::{Beam, unit_energy_peak},
+    splat::Grid,
+};
+
+/// Columns that share one beam width: few, as the width changes quickly at the array's ends.
+const BLOCK: usize = 8;
+/// Fractions of a line at which taps are kept.
+const PHASES: usize = 64;
+/// Beam widths kept per unit of widening.
+const WIDTHS: f64 = 32.0;
+/// Taps reach at least this many σ (amplitude 0.4 %).
+const REACH: f64 = 3.3;
+/// Terms of the dual's series on each side: 0.268^12 is 1e-7.
+const DUAL_TERMS: i32 = 12;
+
+struct Filter {
+    radius: usize,
+    /// `2·radius` taps for each of `PHASES + 1` fractions.
+    taps: Vec<f32>,
+}
+
+/// Lateral beam filters for every widening of the beam and every fraction of a line.
+///
+/// A column splats its share (1 − f, f) on two lines, that is the triangle β. The filter is the least-squares
+/// dual of that splat, `D̂ = L̂·β̂ / Σ_k |β̂(ω + 2πk)|²` with `Σ|β̂|² = (2 + cos ω)/3` (Unser 2000, "Sampling —
+/// 50 years after Shannon", eqs 19–22), so the mean error over f is the least that two lines allow.
+pub struct LateralFilters {
+    filters: Vec<Filter>,
+    /// Reach of the widest filter, in lines.
+    pub radius: usize,
+}
+
+impl LateralFilters {
+    /// `half_width_m` and `deepest_m` bound the picture, where the beam is widest.
+    pub fn new(beam: &Beam, line_pitch_m: f64, half_width_m: f64, deepest_m: f64) -> Self {
+        let widest = beam.widening(half_width_m, deepest_m);
+        let filters: Vec<Filter> = (0..=((widest - 1.0) * WIDTHS).ceil() as usize)
+            .map(|i| filter(beam.sigma_lateral_m * (1.0 + i as f64 / WIDTHS), line_pitch_m))
+            .collect();
+        let radius = filters.iter().map(|f| f.radius).max().unwrap_or(0);
+        Self { filters, radius }
+    }
+
+    fn index(&self, widening: f64) -> usize {
+        (((widening - 1.0) * WIDTHS + 0.5) as usize).min(self.filters.len() - 1)
+    }
+
+    /// Filters one row, real and imaginary parts side by side. A source starts `self.radius − 1` lines before
+    /// the line at or left of column 0, and `fraction` is how far column 0 lies past that line.
+    /// `filter_of_block` comes from [`Self::select`].
+    fn apply(&self, source: [&[f32]; 2], fraction: f64, filter_of_block: &[u16], out: [&mut [f32]; 2]) {
+        let phase = (fraction * PHASES as f64 + 0.5) as usize;
+        let [out_re, out_im] = out;
+        let mut block = 0;
+        while let Some(&index) = filter_of_block.get(block) {
+            let Filter { radius, taps } = &self.filters[usize::from(index)];
+            let taps = &taps[phase * 2 * radius..][..2 * radius];
+            let column = block * BLOCK;
+            let source = source.map(|part| &part[column + self.radius - radius..]);
+            // Neighbours of equal width go together; sums per column are the same.
+            if filter_of_block.get(block + 1) == Some(&index) {
+                convolve::<{ 2 * BLOCK }>(source, taps, &mut out_re[column..], &mut out_im[column..]);
+                block += 2;
+            } else {
+                convolve::<BLOCK>(source, taps, &mut out_re[column..], &mut out_im[column..]);
+                block += 1;
+            }
+        }
+    }
+
+    /// Which filter each block of columns takes at a depth.
+    fn select(&self, beam: &Beam, first_x_m: f64, pitch_m: f64, depth_m: f64, blocks: &mut [u16]) {
+        for (b, index) in blocks.iter_mut().enumerate() {
+            let x_m = first_x_m + (b * BLOCK + BLOCK / 2) as f64 * pitch_m;
+            *index = self.index(beam.widening(x_m, depth_m)) as u16;
+        }
+    }
+}
+
+/// `out[j] = Σ_t taps[t]·source[j + t]` for N columns of both parts.
+#[inline(always)]
+fn convolve<const N: usize>([re, im]: [&[f32]; 2], taps: &[f32], out_re: &mut [f32], out_im: &mut [f32]) {
+    let (mut sum_re, mut sum_im) = ([0.0f32; N], [0.0f32; N]);
+    let span = N + taps.len() - 1;
+    for ((re, im), &tap) in re[..span].windows(N).zip(im[..span].windows(N)).zip(taps) {
+        for (s, &v) in sum_re.iter_mut().zip(re) {
+            *s += tap * v;
+        }
+        for (s, &v) in sum_im.iter_mut().zip(im) {
+            *s += tap * v;
+        }
+    }
+    out_re[..N].copy_from_slice(&sum_re);
+    out_im[..N].copy_from_slice(&sum_im);
+}
+
+fn filter(sigma_m: f64, line_pitch_m: f64) -> Filter {
+    let sigma = sigma_m / line_pitch_m;
+    let radius = (REACH * sigma).ceil() as usize;
+    // ∬ of a Gaussian of unit area; its second difference is the Gaussian convolved with the triangle.
+    let twice_integrated = |y: f64| {
+        let u = y / sigma;
+        y * 0.5 * libm::erfc(-u * core::f64::consts::FRAC_1_SQRT_2)
+            + sigma * libm::exp(-0.5 * u * u) / core::f64::consts::TAU.sqrt()
+    };
+    let area = unit_energy_peak(sigma_m) * sigma * core::f64::consts::TAU.sqrt();
+    let blurred =
+        |y: f64| area * (twice_integrated(y + 1.0) - 2.0 * twice_integrated(y) + twice_integrated(y - 1.0));
+    let reach = radius as i32 + DUAL_TERMS;
+    let pole = 3.0f64.sqrt() - 2.0;
+    let mut taps = Vec::with_capacity((PHASES + 1) * 2 * radius);
+    for phase in 0..=PHASES {
+        let fraction = phase as f64 / PHASES as f64;
+        let spread: Vec<f64> = (-reach..=reach).map(|k| blurred(fraction - f64::from(k))).collect();
+        for t in 0..2 * radius as i32 {
+            let k = t - radius as i32 + 1;
+            let mut dual = 0.0;
+            let mut power = 3.0f64.sqrt();
+            for shift in 0..=DUAL_TERMS {
+                let at = |line: i32| spread.get((line + reach) as usize).copied().unwrap_or(0.0);
+                dual += power * if shift == 0 { at(k) } else { at(k - shift) + at(k + shift) };
+                power *= pole;
+            }
+            taps.push(dual as f32);
+        }
+    }
+    Filter { radius, taps }
+}
+
+/// Where display columns lie on the working grid.
+#[derive(Debug, Clone, Copy)]
+pub struct LineMap {
+    /// Line index of column 0 at row 0, and its change per row; columns are one line apart.
+    pub at_row_0: f64,
+    pub per_row: f64,
+    pub row_step_m: f64,
+    /// x of column 0.
+    pub first_x_m: f64,
+    pub pitch_m: f64,
+}
+
+/// Scratch for one task.
+#[derive(Default)]
+pub struct LateralScratch {
+    row: [Vec<f32>; 2],
+    blocks: Vec<u16>,
+}
+
+impl LateralScratch {
+    /// Filters one row of the grid into the real and imaginary buffers, of equal length, a multiple of 8.
+    pub fn filter_row(
+        &mut self,
+        filters: &LateralFilters,
+        beam: &Beam,
+        grid: &Grid,
+        map: &LineMap,
+        row: usize,
+        [out_re, out_im]: [&mut [f32]; 2],
+    ) {
+        let columns = out_re.len();
+        let line = map.at_row_0 + map.per_row * row as f64;
+        let whole = line.floor();
+        let [re, im] = &mut self.row;
+        re.resize(columns + 2 * filters.radius, 0.0);
+        im.resize(columns + 2 * filters.radius, 0.0);
+        grid.copy_row(row, whole as i64 - filters.radius as i64 + 1, re, im);
+        self.blocks.resize(columns / BLOCK, 0);
+        filters.select(beam, map.first_x_m, map.pitch_m, row as f64 * map.row_step_m, &mut self.blocks);
+        filters.apply([re, im], line - whole, &self.blocks, [out_re, out_im]);
+    }
+}

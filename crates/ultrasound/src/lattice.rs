@@ -1,0 +1,78 @@
+//! Where scatterers are, and how strong: the lattice in the phantom.
+
+use crate::beam::Beam;
+
+/// Samples in the shared tape; columns read it at hashed offsets.
+pub const TAPE_LENGTH: usize = 4096;
+
+/// A regular lattice of scatterers fixed in the phantom frame: columns along z in rows that run along x, every
+/// other row shifted by half a spacing; the n-th scatterer of a column at z = −(n+½)·d.
+///
+/// The spacing follows the beam so that several scatterers share a resolution cell; with complex Gaussian
+/// amplitudes first-order statistics are Rayleigh for any spacing. The hexagonal layout ripples the mean power
+/// by less than 5 % along any direction, and not at all along x.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lattice {
+    /// Distance between the columns of a row.
+    pub column_spacing_m: f64,
+    /// Distance between rows, along y.
+    pub row_spacing_m: f64,
+    /// Distance d between scatterers of a column.
+    pub depth_step_m: f64,
+    seed: u64,
+}
+
+impl Lattice {
+    pub fn new(beam: &Beam, seed: u64) -> Self {
+        let [thinnest_m, _] = beam.sigma_elevation_range_m();
+        let row_spacing_m = (1.62 * beam.sigma_lateral_m).min(0.9 * thinnest_m);
+        Self {
+            column_spacing_m: row_spacing_m / (3.0f64.sqrt() / 2.0),
+            row_spacing_m,
+            depth_step_m: 1.15 * beam.sigma_axial_m,
+            seed: mix(seed ^ 0x6c61_7474_6963_6500),
+        }
+    }
+
+    /// Shift of a row along x, in spacings.
+    pub fn shift(iy: i32) -> f64 {
+        0.5 * f64::from(iy & 1)
+    }
+
+    /// Where a column stands, phantom frame.
+    pub fn column_m(&self, ix: i32, iy: i32) -> [f64; 2] {
+        let along = f64::from(ix) + 0.5 + Self::shift(iy);
+        [along * self.column_spacing_m, (f64::from(iy) + 0.5) * self.row_spacing_m]
+    }
+
+    /// Column next to a place in the phantom.
+    pub fn nearest(&self, x_m: f64, y_m: f64) -> [i32; 2] {
+        let iy = (y_m / self.row_spacing_m).floor().clamp(-1e6, 1e6) as i32;
+        let ix = (x_m / self.column_spacing_m - Self::shift(iy)).floor().clamp(-1e6, 1e6);
+        [ix as i32, iy]
+    }
+
+    /// Amplitude that makes the speckle's mean power one when profiles have unit energy.
+    pub fn amplitude(&self) -> f64 {
+        (self.column_spacing_m * self.row_spacing_m * self.depth_step_m).sqrt()
+    }
+
+    /// Index into the tape of scatterer 0 of a column.
+    pub fn tape_offset(&self, ix: i32, iy: i32) -> usize {
+        let key = (u64::from(ix as u32) << 32) | u64::from(iy as u32);
+        (mix(self.seed ^ mix(key)) % TAPE_LENGTH as u64) as usize
+    }
+
+    /// Index of the first scatterer at or below `z_m` (phantom frame).
+    pub fn first_below(&self, z_m: f64) -> i32 {
+        (-z_m / self.depth_step_m - 0.5).ceil() as i32
+    }
+}
+
+/// splitmix64's finaliser (Steele, Lea, Flood 2014): a bijection with good avalanche.
+pub fn mix(x: u64) -> u64 {
+    let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}

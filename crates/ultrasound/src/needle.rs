@@ -1,0 +1,270 @@
+//! Echoes of the needle.
+//!
+//! The shaft's front wall is a coherent line plus roughness that is fixed in the steel: both are counted from
+//! the tip backwards, as the steel moves with the tip. At the angles people insert at the aperture sees next
+//! to nothing of the coherent line, and roughness and tip remain. Reverberation inside the steel repeats the
+//! shaft below itself.
+
+use sonoloop_types::{NeedleSpec, Pose, Slice, Vector};
+
+use crate::{
+    beam::{Beam, amplitude_from_db, exp_minus},
+    lattice::mix,
+    tape::BakedTape,
+};
+
+/// Sound speed in steel 304L, for the spacing of reverberations. [src] manufacturer's tables
+const STEEL_SOUND_SPEED_M_S: f64 = 5790.0;
+/// Reverberations drawn below the coherent line, and below a point of the roughness. [assumed]
+const COHERENT_REVERBERATIONS: usize = 3;
+const ROUGH_REVERBERATIONS: usize = 1;
+/// Amplitude from one reverberation to the next. [assumed] Steel to tissue reflects −0.94 twice, but a thin
+/// cylinder spreads the sound.
+const REVERBERATION_GAIN: f64 = 0.35;
+/// Roughness counts where the wall faces the probe within 60°, weighted cos²; mean of cos⁴ over the circle.
+const ROUGH_MIN_COSINE: f64 = 0.5;
+const ROUGH_MEAN_COS4: f64 = 0.1853;
+/// Points of the roughness around the shaft, and their distance along it in steps of the coherent line.
+const SECTORS: usize = 8;
+const ROUGH_STEPS: u64 = 2;
+/// Coherent stretches weaker than this over unit speckle are not summed (they cancel).
+const COHERENT_FLOOR: f64 = 0.02;
+/// The coherent line fades in over this length at the entry.
+const ENTRY_FADE_M: f64 = 1e-3;
+/// Points of the bevel's facet behind the tip, their level and extent. [assumed]
+const FACET_POINTS: usize = 6;
+const FACET_GAIN: f64 = 0.3;
+const FACET_LENGTH_M: f64 = 0.4e-3;
+/// Bounces in the wedge of the tip, their spacing (half a wavelength of 7.5 MHz in tissue) and gain. [assumed]
+const TIP_BOUNCES: usize = 4;
+const TIP_BOUNCE_M: f64 = 0.1e-3;
+const TIP_BOUNCE_GAIN: f64 = 0.6;
+/// Share of the tip's echo that depends on the facet facing the probe. [assumed]
+const FACET_SHARE: f64 = 0.3;
+/// Longest path that is drawn.
+const MAX_LENGTH_M: f64 = 0.5;
+/// Elevation beyond which even the tip's echo is far below noise, in σ.
+const REACH: f64 = 4.1;
+
+/// One echo: baseband amplitude at the point itself, elevational weight and phase included.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Echo {
+    pub x_m: f64,
+    pub z_m: f64,
+    pub re: f64,
+    pub im: f64,
+}
+
+/// The needle's constants and the picture's echoes.
+pub struct NeedleEchoes {
+    spec: NeedleSpec,
+    step_m: f64,
+    seed: u64,
+    /// cos and sin of the sectors' directions.
+    around: [[f64; 2]; SECTORS],
+    pub echoes: Vec<Echo>,
+}
+
+struct Sink<'a> {
+    beam: &'a Beam,
+    echoes: &'a mut Vec<Echo>,
+}
+
+impl Sink<'_> {
+    /// Adds a point at (x, e, z) whose peak is `amplitude` over unit speckle.
+    fn add(&mut self, [x_m, e_m, z_m]: [f64; 3], [re, im]: [f64; 2]) {
+        if z_m < 0.0 {
+            return;
+        }
+        let sigma_m = self.beam.sigma_elevation_m(z_m);
+        let u = e_m / sigma_m;
+        if u.abs() > REACH {
+            return;
+        }
+        let scale = self.beam.level_scale(x_m, z_m) * f64::from(exp_minus((0.5 * u * u) as f32));
+        let (sin, cos) = libm::sincos(-self.beam.two_k_rad_m * z_m);
+        let (re, im) = (scale * re, scale * im);
+        self.echoes.push(Echo { x_m, z_m, re: re * cos - im * sin, im: re * sin + im * cos });
+    }
+}
+
+impl NeedleEchoes {
+    pub fn new(spec: &NeedleSpec, beam: &Beam, seed: u64) -> Self {
+        let around = core::array::from_fn(|i| {
+            let (sin, cos) = libm::sincos(core::f64::consts::TAU * i as f64 / SECTORS as f64);
+            [cos, sin]
+        });
+        Self {
+            spec: spec.clone(),
+            step_m: beam.wavelength_m() / 8.0,
+            seed: mix(seed ^ 0x6e65_6564_6c65_0000),
+            around,
+            echoes: Vec::new(),
+        }
+    }
+
+    /// Lists the echoes of the slice's needle in [`Self::echoes`]; none without a needle.
+    pub fn build(&mut self, beam: &Beam, tape: &BakedTape, slice: &Slice) {
+        self.echoes.clear();
+        let Some(needle) = &slice.needle else { return };
+        let probe_from_phantom: Pose = slice.phantom_from_probe.inverse();
+        let line: Vec<_> = needle.centreline_in_phantom.iter().map(|p| probe_from_phantom * p).collect();
+        let bevel = probe_from_phantom * needle.bevel_normal_in_phantom;
+        let axis = probe_from_phantom * needle.axis_in_phantom;
+        let vectors = line.iter().map(|p| p.coords).chain([bevel, axis]);
+        if vectors.flat_map(|v| [v.x, v.y, v.z]).any(|v| !v.is_finite()) {
+            return;
+        }
+        let Some(tip) = line.last() else { return };
+        let mut echoes = core::mem::take(&mut self.echoes);
+        let mut sink = Sink { beam, echoes: &mut echoes };
+        let gain = amplitude_from_db(slice.needle_gain_db);
+        if gain.is_finite() {
+            self.add_tip(&mut sink, tape, tip.coords, axis, bevel, gain);
+            let lengths: Vec<f64> = line.windows(2).map(|w| (w[1] - w[0]).norm()).collect();
+            let total_m: f64 = lengths.iter().sum();
+            let mut behind_tip_m = 0.0;
+            for (ends, &length_m) in line.windows(2).zip(&lengths).rev() {
+                if length_m > 0.0 && behind_tip_m + length_m < MAX_LENGTH_M {
+                    let piece = Piece {
+                        end: ends[1].coords,
+                        towards_tip: (ends[1] - ends[0]) / length_m,
+                        bevel,
+                        behind_tip_m,
+                        length_m,
+                        total_m,
+                        gain,
+                    };
+                    self.add_piece(&mut sink, tape, &piece);
+                }
+                behind_tip_m += length_m;
+            }
+        }
+        self.echoes = echoes;
+    }
+
+    /// Unit-power complex amplitude of a place on the steel.
+    fn noise(&self, tape: &BakedTape, place: u64) -> [f32; 2] {
+        tape.raw((mix(self.seed ^ place) >> 32) as usize)
+    }
+
+    fn add_tip(
+        &self,
+        sink: &mut Sink,
+        tape: &BakedTape,
+        tip: Vector,
+        axis: Vector,
+        bevel: Vector,
+        gain: f64,
+    ) {
+        let facing = (-bevel.z).max(0.0);
+        let level =
+            gain * amplitude_from_db(self.spec.tip_level_db) * (1.0 - FACET_SHARE + FACET_SHARE * facing);
+        // Sound rings down in the thin wedge behind the edge: a short tail, weaker with every bounce.
+        let mut tail = level;
+        for bounce in 0..TIP_BOUNCES {
+            sink.add([tip.x, tip.y, tip.z + bounce as f64 * TIP_BOUNCE_M], [tail, 0.0]);
+            tail *= TIP_BOUNCE_GAIN;
+        }
+        for i in 0..FACET_POINTS {
+            let [re, im] = self.noise(tape, u64::MAX - i as u64);
+            let back_m = FACET_LENGTH_M * (i as f64 + 0.5) / FACET_POINTS as f64;
+            let p = tip - axis * back_m;
+            let level = level * FACET_GAIN / (FACET_POINTS as f64).sqrt();
+            sink.add([p.x, p.y, p.z], [level * f64::from(re), level * f64::from(im)]);
+        }
+    }
+
+    fn add_piece(&self, sink: &mut Sink, tape: &BakedTape, piece: &Piece) {
+        let beam = sink.beam;
+        let radius_m = self.spec.outer_diameter_m / 2.0;
+        let a = piece.towards_tip;
+        // The point of the wall nearest to the probe, and the steel's own directions across the shaft.
+        let across = |v: Vector| (v - a * a.dot(&v)).try_normalize(1e-6);
+        let up = across(Vector::new(0.0, 0.0, -1.0));
+        let fallback = if a.x.abs() < 0.7 { Vector::x() } else { Vector::y() };
+        let roll = across(piece.bevel).or_else(|| across(fallback));
+        let (Some(up), Some(roll)) = (up.or(roll), roll) else { return };
+        let side = a.cross(&roll);
+
+        let middle = piece.end - a * (piece.length_m / 2.0);
+        let sigma_e_m = beam.sigma_elevation_m(middle.z);
+        if middle.y.abs() > REACH * sigma_e_m + piece.length_m + radius_m {
+            return;
+        }
+        let sigma_l_m = beam.sigma_lateral_m * beam.widening(middle.x, middle.z);
+        // Amplitude along the shaft falls as exp(−s²·q/2) from a pixel; its phase turns by 2k·a_z per metre.
+        let q = (a.x / sigma_l_m).powi(2) + (a.y / sigma_e_m).powi(2) + (a.z / beam.sigma_axial_m).powi(2);
+        let turn = beam.two_k_rad_m * a.z;
+        let specular = piece.gain * amplitude_from_db(self.spec.specular_level_db);
+        let coherent = specular * libm::exp(-0.5 * turn * turn / q) > COHERENT_FLOOR;
+        // Stated at normal incidence: the line's sum over the lateral beam, √(2π)·σ_l, is the level.
+        let coherent_step = specular * self.step_m / (core::f64::consts::TAU.sqrt() * beam.sigma_lateral_m);
+        // Power of independent points on a line: v/ds·√(π/q); so that the rms is the stated level.
+        let per_point_m = self.step_m * ROUGH_STEPS as f64 / SECTORS as f64;
+        let rough_step = piece.gain
+            * amplitude_from_db(self.spec.rough_level_db)
+            * (per_point_m / ROUGH_MEAN_COS4 * (q / core::f64::consts::PI).sqrt()).sqrt();
+        let bevel_m = 2.0 * radius_m / libm::tan(self.spec.bevel_rad.clamp(0.1, 1.5));
+
+        let first = (piece.behind_tip_m / self.step_m - 0.5).ceil().max(0.0) as u64;
+        for i in first.. {
+            let s_m = (i as f64 + 0.5) * self.step_m;
+            if s_m >= piece.behind_tip_m + piece.length_m {
+                break;
+            }
+            let centre = piece.end - a * (s_m - piece.behind_tip_m);
+            let ground = (s_m / bevel_m).min(1.0);
+            let wall_m = radius_m * ground;
+            if coherent {
+                let entry = ((piece.total_m - s_m) / ENTRY_FADE_M).min(1.0);
+                let fade = smooth(ground) * smooth(entry);
+                let amplitude = [coherent_step * fade, 0.0];
+                self.add_with_tail(sink, centre + up * wall_m, amplitude, COHERENT_REVERBERATIONS);
+            }
+            if i % ROUGH_STEPS != 0 {
+                continue;
+            }
+            for (sector, &[cos, sin]) in self.around.iter().enumerate() {
+                let normal = roll * cos + side * sin;
+                let facing = normal.dot(&up);
+                if facing > ROUGH_MIN_COSINE {
+                    let [re, im] = self.noise(tape, i * SECTORS as u64 + sector as u64);
+                    let level = rough_step * facing * facing;
+                    let amplitude = [level * f64::from(re), level * f64::from(im)];
+                    self.add_with_tail(sink, centre + normal * wall_m, amplitude, ROUGH_REVERBERATIONS);
+                }
+            }
+        }
+    }
+
+    /// A point of the wall and its reverberations inside the steel, thickness·c/c_steel apart.
+    fn add_with_tail(&self, sink: &mut Sink, at: Vector, [re, im]: [f64; 2], reverberations: usize) {
+        let beam = sink.beam;
+        let tissue_m_s = beam.wavelength_m() * beam.centre_frequency_hz();
+        let spacing_m = self.spec.outer_diameter_m * tissue_m_s / STEEL_SOUND_SPEED_M_S;
+        let mut gain = 1.0;
+        for bounce in 0..=reverberations {
+            sink.add([at.x, at.y, at.z + bounce as f64 * spacing_m], [gain * re, gain * im]);
+            gain *= REVERBERATION_GAIN;
+        }
+    }
+}
+
+/// A straight piece of the shaft in the probe frame.
+struct Piece {
+    /// Its end towards the tip.
+    end: Vector,
+    towards_tip: Vector,
+    bevel: Vector,
+    /// Length of the path from `end` to the tip.
+    behind_tip_m: f64,
+    length_m: f64,
+    total_m: f64,
+    gain: f64,
+}
+
+fn smooth(u: f64) -> f64 {
+    let u = u.clamp(0.0, 1.0);
+    u * u * (3.0 - 2.0 * u)
+}

@@ -1,0 +1,126 @@
+//! The same field by direct summation in double precision: every scatterer, every pixel it reaches.
+//!
+//! It shares with the fast renderer what defines the scene (beam widths, lattice, tape, needle echoes) and
+//! nothing of how the sum is done. Seconds per picture; for tests.
+
+use sonoloop_types::{NeedleSpec, Point, ProbeSpec, Slice, Tissue};
+
+use crate::{
+    beam::{Beam, amplitude_from_db, unit_energy_peak},
+    lattice::{Lattice, TAPE_LENGTH},
+    needle::NeedleEchoes,
+    renderer::Frame,
+    tape::{BakedTape, gaussian_tape},
+};
+
+/// Profiles are summed out to this many σ (amplitude 4e-6).
+const REACH: f64 = 5.0;
+
+struct Canvas<'a> {
+    beam: &'a Beam,
+    frame: Frame,
+    values: Vec<[f64; 2]>,
+}
+
+impl Canvas<'_> {
+    /// Adds a point with complex amplitude `(re, im)`; `energy` scales the profiles to unit energy instead of
+    /// unit peak.
+    fn add(&mut self, x_m: f64, z_m: f64, [re, im]: [f64; 2], energy: bool) {
+        let Frame { geometry, columns, first_x_m, .. } = self.frame;
+        let spacing_m = geometry.spacing_m;
+        let sigma_z_m = self.beam.sigma_axial_m;
+        // A bound on σ_l for finding the window; the width itself belongs to the line.
+        let widest_m = self.beam.sigma_lateral_m
+            * self.beam.widening(x_m, z_m).max(self.beam.widening(x_m * 1.2, z_m)).min(4.0)
+            * 1.2;
+        let left = ((x_m - REACH * widest_m - first_x_m) / spacing_m).ceil().max(0.0) as usize;
+        let right = (x_m + REACH * widest_m - first_x_m) / spacing_m;
+        let top = ((z_m - REACH * sigma_z_m) / spacing_m).ceil().max(0.0) as usize;
+        let bottom = (z_m + REACH * sigma_z_m) / spacing_m;
+        if right < 0.0 || bottom < 0.0 {
+            return;
+        }
+        let lateral: Vec<f64> = (left..columns.min(right as usize + 1))
+            .map(|j| {
+                let u_m = first_x_m + j as f64 * spacing_m;
+                let of_m = if energy { u_m } else { x_m };
+                let sigma_m = self.beam.sigma_lateral_m * self.beam.widening(of_m, z_m);
+                let d = (u_m - x_m) / sigma_m;
+                libm::exp(-0.5 * d * d) * if energy { unit_energy_peak(sigma_m) } else { 1.0 }
+            })
+            .collect();
+        for row in top..self.frame.rows().min(bottom as usize + 1) {
+            let d = (row as f64 * spacing_m - z_m) / sigma_z_m;
+            let axial = libm::exp(-0.5 * d * d) * if energy { unit_energy_peak(sigma_z_m) } else { 1.0 };
+            let out = self.values[row * columns..][..columns].iter_mut().skip(left);
+            for (value, l) in out.zip(&lateral) {
+                value[0] += re * axial * l;
+                value[1] += im * axial * l;
+            }
+        }
+    }
+}
+
+/// The complex field of [`crate::Renderer::field`], row by row over the displayed columns.
+pub fn field(
+    probe: &ProbeSpec,
+    needle: &NeedleSpec,
+    tissue: &Tissue,
+    seed: u64,
+    slice: &Slice,
+) -> Vec<[f64; 2]> {
+    let beam = Beam::new(probe);
+    let lattice = Lattice::new(&beam, seed);
+    let frame = Frame::new(probe);
+    let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
+    let mut canvas = Canvas { beam: &beam, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
+
+    let probe_from_phantom = slice.phantom_from_probe.inverse();
+    let half = [0, 1].map(|axis| (tissue.size_m()[axis] / 2.0 / lattice.row_spacing_m).ceil() as i32 + 1);
+    let mut segments = Vec::new();
+    for iy in -half[1]..half[1] {
+        for ix in -half[0]..half[0] {
+            let [x_m, y_m] = lattice.column_m(ix, iy);
+            tissue.column(x_m, y_m, &mut segments);
+            let offset = lattice.tape_offset(ix, iy);
+            for segment in &segments {
+                let material = &tissue.materials()[usize::from(segment.material)];
+                let Some(backscatter_db) = material.backscatter_db else { continue };
+                let strength = lattice.amplitude() * amplitude_from_db(backscatter_db);
+                let mut n = 0;
+                loop {
+                    let z_m = -(f64::from(n) + 0.5) * lattice.depth_step_m;
+                    if z_m <= segment.bottom_z_m {
+                        break;
+                    }
+                    let index = (offset + n as usize) % TAPE_LENGTH;
+                    n += 1;
+                    if z_m > segment.top_z_m {
+                        continue;
+                    }
+                    let p = probe_from_phantom * Point::new(x_m, y_m, z_m);
+                    if p.z < 0.0 || p.z > frame.deepest_m() + REACH * beam.sigma_axial_m {
+                        continue;
+                    }
+                    let sigma_e_m = beam.sigma_elevation_m(p.z);
+                    let u = p.y / sigma_e_m;
+                    if u.abs() > REACH || p.x.abs() > beam.half_aperture_m + 5e-3 {
+                        continue;
+                    }
+                    let weight = strength * unit_energy_peak(sigma_e_m) * libm::exp(-0.5 * u * u);
+                    let (sin, cos) = libm::sincos(-beam.two_k_rad_m * p.z);
+                    let [re, im] = tape[index].map(f64::from);
+                    let value = [weight * (re * cos - im * sin), weight * (re * sin + im * cos)];
+                    canvas.add(p.x, p.z, value, true);
+                }
+            }
+        }
+    }
+
+    let mut echoes = NeedleEchoes::new(needle, &beam, seed);
+    echoes.build(&beam, &BakedTape::new(seed), slice);
+    for echo in &echoes.echoes {
+        canvas.add(echo.x_m, echo.z_m, [echo.re, echo.im], false);
+    }
+    canvas.values
+}

@@ -1,0 +1,285 @@
+//! The stages in order.
+
+use rayon::prelude::*;
+use sonoloop_types::{Image, ImageGeometry, NeedleSpec, ProbeSpec, Slice, Tissue};
+
+use crate::{
+    axial::{AxialScratch, BLOCK, BeamFilters},
+    beam::Beam,
+    columns::Columns,
+    display::{Display, Exposure},
+    elevation::ElevationTable,
+    gain::{GainMap, Plane},
+    jobs::Jobs,
+    lateral::{LateralFilters, LineMap},
+    lattice::Lattice,
+    needle::NeedleEchoes,
+    shear::Shear,
+    splat::Grid,
+    stamp::{self, Layout, Stamp},
+    tape::BakedTape,
+};
+
+/// Display rows per task; fixed, so that results do not depend on the number of threads.
+const TASK_ROWS: usize = 60;
+
+/// Renders pictures of one needle in one phantom through one probe.
+///
+/// The model (probe, needle, tissue, scatterers) does not change after [`Renderer::new`]; what else it holds
+/// is scratch and a cache of the tissue's columns, neither of which shows in a picture.
+pub struct Renderer {
+    probe: ProbeSpec,
+    beam: Beam,
+    lattice: Lattice,
+    lateral: LateralFilters,
+    display: Display,
+    frame: Frame,
+    columns: Columns,
+    tape: BakedTape,
+    elevation: ElevationTable,
+    jobs: Jobs,
+    grid: Grid,
+    needle: NeedleEchoes,
+    stamps: Vec<Stamp>,
+    gain: GainMap,
+    field: Vec<f32>,
+    grey: Vec<u8>,
+    scratch: Vec<AxialScratch>,
+}
+
+/// Which part of the picture the array covers.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Frame {
+    pub geometry: ImageGeometry,
+    /// First displayed column of the image, and how many there are.
+    pub first_px: usize,
+    pub columns: usize,
+    /// The same, padded to whole blocks.
+    pub padded: usize,
+    /// x of the first displayed column.
+    pub first_x_m: f64,
+}
+
+impl Frame {
+    pub fn new(probe: &ProbeSpec) -> Self {
+        let geometry = probe.geometry;
+        let centre_px = geometry.centre_column_px();
+        let half_px = probe.aperture_m() / 2.0 / geometry.spacing_m;
+        let first_px = (centre_px - half_px).ceil().max(0.0) as usize;
+        let end_px = ((centre_px + half_px).floor() as usize + 1).min(geometry.width_px as usize);
+        let columns = end_px.saturating_sub(first_px);
+        Self {
+            geometry,
+            first_px,
+            columns,
+            padded: columns.next_multiple_of(BLOCK),
+            first_x_m: (first_px as f64 - centre_px) * geometry.spacing_m,
+        }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.geometry.height_px as usize
+    }
+
+    pub fn deepest_m(&self) -> f64 {
+        f64::from(self.geometry.height_px.saturating_sub(1)) * self.geometry.spacing_m
+    }
+}
+
+/// The complex baseband field at the displayed pixels, in units of unit-backscatter speckle's rms, before
+/// attenuation, contact, noise and compensation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// Column of the image that column 0 of the field is.
+    pub first_px: usize,
+    /// Columns of the field.
+    pub columns: usize,
+    /// Rows of the field, as many as the image's.
+    pub rows: usize,
+    /// Real and imaginary parts, row by row.
+    pub values: Vec<[f32; 2]>,
+}
+
+impl Renderer {
+    /// Prepares to render. `seed` picks the scatterers, the needle's roughness and the electronic noise; the
+    /// probe and needle are taken as checked (positive sizes, elevation table not empty).
+    pub fn new(probe: ProbeSpec, needle: NeedleSpec, tissue: Tissue, seed: u64) -> Self {
+        let beam = Beam::new(&probe);
+        let lattice = Lattice::new(&beam, seed);
+        let frame = Frame::new(&probe);
+        let half_width_m = -frame.first_x_m;
+        let spacing_m = frame.geometry.spacing_m;
+        Self {
+            lateral: LateralFilters::new(&beam, spacing_m, half_width_m, frame.deepest_m()),
+            display: Display::new(&probe, seed),
+            columns: Columns::new(tissue, lattice, probe.centre_frequency_hz),
+            tape: BakedTape::new(seed),
+            elevation: ElevationTable::default(),
+            jobs: Jobs::default(),
+            grid: Grid::default(),
+            needle: NeedleEchoes::new(&needle, &beam, seed),
+            stamps: Vec::new(),
+            gain: GainMap::default(),
+            field: vec![0.0; frame.rows() * 2 * frame.padded],
+            grey: vec![0; frame.rows() * frame.columns],
+            scratch: Vec::new(),
+            probe,
+            beam,
+            lattice,
+            frame,
+        }
+    }
+
+    /// Draws the slice into `image`, which takes the probe's picture size. The same slice gives the same
+    /// bytes for any number of threads of the current rayon pool and any earlier pictures.
+    pub fn render(&mut self, slice: &Slice, image: &mut Image) {
+        let Frame { geometry, first_px, columns, padded, .. } = self.frame;
+        let spacing_m = geometry.spacing_m;
+        let exposure = Exposure { sequence: slice.sequence, gain_db: slice.gain_db, spacing_m };
+        let mut grey = core::mem::take(&mut self.grey);
+        self.fill_field(slice, &mut grey, |this, row, field, grey| {
+            let (re, im) = field.split_at(padded);
+            this.display.row(&exposure, this.gain, row, (re, im), grey);
+        });
+        if (image.width_px, image.height_px) != (geometry.width_px, geometry.height_px) {
+            *image = Image::black(geometry.width_px, geometry.height_px);
+        }
+        for (out, grey) in
+            image.pixels.chunks_exact_mut(geometry.width_px as usize).zip(grey.chunks_exact(columns.max(1)))
+        {
+            out.fill(0);
+            out[first_px..][..columns].copy_from_slice(grey);
+        }
+        self.grey = grey;
+    }
+
+    /// The complex field behind the picture, see [`Field`].
+    pub fn field(&mut self, slice: &Slice) -> Field {
+        let Frame { first_px, columns, padded, .. } = self.frame;
+        let mut grey = core::mem::take(&mut self.grey);
+        self.fill_field(slice, &mut grey, |_, _, _, _| {});
+        self.grey = grey;
+        let values = self.field.chunks_exact(2 * padded).flat_map(|row| {
+            let (re, im) = row.split_at(padded);
+            re[..columns].iter().zip(&im[..columns]).map(|(&re, &im)| [re, im])
+        });
+        Field { first_px, columns, rows: self.frame.rows(), values: values.collect() }
+    }
+
+    /// Fills `self.field` and hands every row to `finish`.
+    fn fill_field(
+        &mut self,
+        slice: &Slice,
+        grey: &mut [u8],
+        finish: impl Fn(&Finish, usize, &[f32], &mut [u8]) + Sync,
+    ) {
+        let Frame { geometry, columns, padded, first_x_m, .. } = self.frame;
+        if columns == 0 {
+            return;
+        }
+        let spacing_m = geometry.spacing_m;
+        let layout = Layout { columns: padded, first_x_m, spacing_m };
+        let map = self.fill_grid(slice, &layout);
+
+        let t0 = std::time::Instant::now();
+        let tasks = self.frame.rows().div_ceil(TASK_ROWS);
+        self.scratch.resize_with(tasks, AxialScratch::default);
+        let (beam, lateral, grid, stamps) = (&self.beam, &self.lateral, &self.grid, &self.stamps);
+        let filters = map.map(|(map, rows)| BeamFilters { beam, lateral, grid, map, rows });
+        let this = Finish { display: &self.display, gain: &self.gain };
+        self.field
+            .par_chunks_mut(TASK_ROWS * 2 * padded)
+            .zip(grey.par_chunks_mut(TASK_ROWS * columns))
+            .zip(&mut self.scratch)
+            .enumerate()
+            .for_each(|(task, ((field, grey), scratch))| {
+                let first_row = task * TASK_ROWS;
+                match &filters {
+                    Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
+                    None => field.fill(0.0),
+                }
+                stamp::apply(stamps, padded, first_row, field);
+                let rows = field.chunks_exact(2 * padded).zip(grey.chunks_exact_mut(columns));
+                for (i, (field, grey)) in rows.enumerate() {
+                    finish(&this, first_row + i, field, grey);
+                }
+            });
+        eprintln!("T display {}", t0.elapsed().as_secs_f64() * 1e3);
+    }
+
+    /// Fills the working grid, the stamps and the losses; `None` when the pose shows no tissue.
+    fn fill_grid(&mut self, slice: &Slice, layout: &Layout) -> Option<(LineMap, usize)> {
+        let Frame { geometry, first_x_m, columns, .. } = self.frame;
+        let spacing_m = geometry.spacing_m;
+        let rows = self.frame.rows();
+        let margin_m = (self.lateral.radius + 2) as f64 * spacing_m;
+        let shear = Shear::new(
+            &slice.phantom_from_probe,
+            &self.beam,
+            &self.lattice,
+            &geometry,
+            -first_x_m,
+            margin_m,
+            self.columns.half(),
+        );
+        let Self { beam, lattice, probe, tape, elevation, columns: tissue, gain, .. } = self;
+        let (beam, lattice) = (&*beam, &*lattice);
+        let plane =
+            Plane { phantom_from_probe: &slice.phantom_from_probe, columns, rows, first_x_m, spacing_m };
+        let t0 = std::time::Instant::now();
+        rayon::join(
+            || {
+                if let Some(shear) = &shear {
+                    elevation.build(beam, shear, lattice.amplitude());
+                    eprintln!("T elev {}", t0.elapsed().as_secs_f64() * 1e3);
+                }
+            },
+            || {
+                if let Some(shear) = &shear {
+                    let t0 = std::time::Instant::now();
+                    tape.bake(beam, shear.row_step_m, shear.lateral_slope, shear.rows);
+                    eprintln!("T bake {}", t0.elapsed().as_secs_f64() * 1e3);
+                }
+                let t0 = std::time::Instant::now();
+                gain.build(beam, probe, lattice, tissue, &plane, &slice.element_gap_m);
+                eprintln!("T gain {}", t0.elapsed().as_secs_f64() * 1e3);
+            },
+        );
+        let Self { jobs, needle, stamps, .. } = self;
+        let (tape, elevation) = (&self.tape, &self.elevation);
+        rayon::join(
+            || {
+                if let Some(shear) = &shear {
+                    let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
+                    let t0 = std::time::Instant::now();
+                    jobs.build(shear, lattice, elevation, tissue, tape, phase_per_row_rad);
+                    eprintln!("T jobs {}", t0.elapsed().as_secs_f64() * 1e3);
+                }
+            },
+            || {
+                let t0 = std::time::Instant::now();
+                needle.build(beam, tape, slice);
+                stamp::prepare(beam, &needle.echoes, layout, rows, stamps);
+                eprintln!("T needle {}", t0.elapsed().as_secs_f64() * 1e3);
+            },
+        );
+        let shear = shear?;
+        let t0 = std::time::Instant::now();
+        self.grid.fill(&shear, &self.jobs, &self.tape, &self.elevation);
+        eprintln!("T fill {}", t0.elapsed().as_secs_f64() * 1e3);
+        let map = LineMap {
+            at_row_0: (first_x_m - shear.first_line_m) / spacing_m,
+            per_row: -shear.lateral_slope * shear.row_step_m / spacing_m,
+            row_step_m: shear.row_step_m,
+            first_x_m,
+            pitch_m: spacing_m,
+        };
+        Some((map, shear.rows))
+    }
+}
+
+/// What a finished row needs.
+struct Finish<'a> {
+    display: &'a Display,
+    gain: &'a GainMap,
+}

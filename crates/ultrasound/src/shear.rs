@@ -1,0 +1,147 @@
+//! The working grid of one pose: rows across depth, lines along the phantom's columns.
+
+use sonoloop_types::{ImageGeometry, Point, Pose, Vector};
+
+use crate::{
+    beam::{Beam, PROFILE_REACH},
+    jobs::floor,
+    lattice::Lattice,
+};
+
+/// Below this cosine between the beam and the phantom's vertical no tissue is drawn (60°).
+const MIN_COSINE: f64 = 0.5;
+
+/// A value that is affine in the place of a column.
+#[derive(Debug, Clone, Copy)]
+pub struct Affine {
+    pub at_zero: f64,
+    pub per_ix: f64,
+    pub per_iy: f64,
+}
+
+impl Affine {
+    pub fn at(&self, ix: i32, iy: i32) -> f64 {
+        self.in_row(iy) + self.per_ix * f64::from(ix)
+    }
+
+    /// Value at ix = 0 of row iy, its shift included.
+    pub fn in_row(&self, iy: i32) -> f64 {
+        self.at_zero + self.per_iy * f64::from(iy) + self.per_ix * Lattice::shift(iy)
+    }
+}
+
+/// How the phantom's columns run through the probe frame, and the sheared grid laid along them.
+///
+/// On a column x = x′ + t·z and e = e′ + s·z in the probe frame; its scatterers lie `row_step_m` of depth
+/// apart. Row r is at depth r·row_step; line l is at x′ = first_line + l·line_pitch.
+#[derive(Debug, Clone)]
+pub struct Shear {
+    pub row_step_m: f64,
+    pub rows: usize,
+    /// t = dx/dz along a column.
+    pub lateral_slope: f64,
+    /// s = de/dz along a column.
+    pub elevation_slope: f64,
+    pub line_pitch_m: f64,
+    pub first_line_m: f64,
+    pub lines: usize,
+    /// |x| beyond which a scatterer reaches no displayed line.
+    pub reach_m: f64,
+    /// x′ of a column.
+    pub x: Affine,
+    /// e′ of a column.
+    pub e: Affine,
+    /// Depth of scatterer 0 of a column, in rows.
+    pub top_row: Affine,
+    /// Columns that may matter: `[[ix_min, ix_max], [iy_min, iy_max]]`, inclusive.
+    pub columns: [[i32; 2]; 2],
+}
+
+impl Shear {
+    /// `None` when the pose shows no tissue: not finite, or tilted beyond 60°. `lateral_margin_m` is the reach
+    /// of the lateral filter, `half_width_m` half the displayed width, `half` the range of column indices.
+    pub fn new(
+        phantom_from_probe: &Pose,
+        beam: &Beam,
+        lattice: &Lattice,
+        geometry: &ImageGeometry,
+        half_width_m: f64,
+        lateral_margin_m: f64,
+        half: [i32; 2],
+    ) -> Option<Self> {
+        let probe_from_phantom = phantom_from_probe.inverse();
+        let down = probe_from_phantom * Vector::new(0.0, 0.0, -1.0);
+        let origin = probe_from_phantom * Point::origin();
+        let finite = down.iter().chain(origin.coords.iter()).all(|v| v.is_finite());
+        if !finite || down.z < MIN_COSINE {
+            return None;
+        }
+        let row_step_m = lattice.depth_step_m * down.z;
+        let deepest_m = f64::from(geometry.height_px.saturating_sub(1)) * geometry.spacing_m
+            + PROFILE_REACH * beam.sigma_axial_m;
+        let rows = (deepest_m / row_step_m) as usize + 1;
+        let (t, s) = (down.x / down.z, down.y / down.z);
+        let reach_m = half_width_m + lateral_margin_m;
+        let line_pitch_m = geometry.spacing_m;
+        let first_line_m = -reach_m - (t * deepest_m).max(0.0) - line_pitch_m;
+        let last_line_m = reach_m - (t * deepest_m).min(0.0) + line_pitch_m;
+
+        let spacing_m = [lattice.column_spacing_m, lattice.row_spacing_m];
+        let at = |ix: f64, iy: f64| {
+            let [x_m, y_m] = [(ix + 0.5) * spacing_m[0], (iy + 0.5) * spacing_m[1]];
+            probe_from_phantom * Point::new(x_m, y_m, -0.5 * lattice.depth_step_m)
+        };
+        let affine = |value: &dyn Fn(Point) -> f64| {
+            let at_zero = value(at(0.0, 0.0));
+            Affine { at_zero, per_ix: value(at(1.0, 0.0)) - at_zero, per_iy: value(at(0.0, 1.0)) - at_zero }
+        };
+
+        let [_, thickest_m] = beam.sigma_elevation_range_m();
+        let elevation_m = crate::beam::ELEVATION_REACH * thickest_m;
+        let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for corner in 0..8u8 {
+            let sign = |bit: u8| if corner & bit == 0 { -1.0 } else { 1.0 };
+            let z_m = if corner & 4 == 0 { 0.0 } else { deepest_m };
+            let point = phantom_from_probe * Point::new(sign(1) * reach_m, sign(2) * elevation_m, z_m);
+            for (bound, value) in bounds.iter_mut().zip([point.x, point.y]) {
+                *bound = [bound[0].min(value), bound[1].max(value)];
+            }
+        }
+        let columns = [0, 1].map(|axis| {
+            let limit = f64::from(half[axis]);
+            let low = (bounds[axis][0] / spacing_m[axis] - 1.0).ceil().clamp(-limit, limit);
+            let high = (bounds[axis][1] / spacing_m[axis] - 0.5).floor().clamp(-limit - 1.0, limit - 1.0);
+            [low as i32, high as i32]
+        });
+        Some(Self {
+            row_step_m,
+            rows,
+            lateral_slope: t,
+            elevation_slope: s,
+            line_pitch_m,
+            first_line_m,
+            lines: ((last_line_m - first_line_m) / line_pitch_m) as usize + 2,
+            reach_m,
+            x: affine(&|p| p.x - t * p.z),
+            e: affine(&|p| p.y - s * p.z),
+            top_row: affine(&|p| p.z / row_step_m),
+            columns,
+        })
+    }
+
+    /// Rows `lo..hi` in which |at_zero + slope·z| ≤ bound.
+    pub fn rows_within(&self, at_zero_m: f64, slope: f64, bound_m: f64) -> (usize, usize) {
+        let rows = self.rows as f64;
+        let per_row = slope * self.row_step_m;
+        let (low, high) = if per_row.abs() < 1e-12 {
+            if at_zero_m.abs() <= bound_m { (0.0, rows - 1.0) } else { (1.0, 0.0) }
+        } else {
+            let a = (-bound_m - at_zero_m) / per_row;
+            let b = (bound_m - at_zero_m) / per_row;
+            (a.min(b), a.max(b))
+        };
+        let low = -floor(-low.clamp(0.0, rows));
+        let high = floor((high + 1.0).clamp(0.0, rows));
+        if low < high { (low as usize, high as usize) } else { (0, 0) }
+    }
+}

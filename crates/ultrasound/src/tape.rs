@@ -1,0 +1,192 @@
+//! The noise that all columns share, and its form for one tilt.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::{beam::Beam, lattice::TAPE_LENGTH};
+
+/// Delays per row step at which the tape is kept.
+pub const SUB_DELAYS: usize = 24;
+/// Taps of a delay filter, centred.
+const TAPS: usize = 9;
+const REACH: usize = TAPS / 2;
+
+/// Unit-power complex Gaussian samples by Box–Muller.
+pub fn gaussian_tape(seed: u64, stream: u64, length: usize) -> Vec<[f32; 2]> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(stream);
+    let unit = 1.0 / (1u64 << 53) as f64;
+    let mut draw = || (rng.next_u64() >> 11) as f64 * unit;
+    (0..length)
+        .map(|_| {
+            let radius = (-libm::log(1.0 - draw())).sqrt();
+            let (sin, cos) = libm::sincos(core::f64::consts::TAU * draw());
+            [(radius * cos) as f32, (radius * sin) as f32]
+        })
+        .collect()
+}
+
+/// The tape times its carrier exp(−i·2k·q·step), delayed by each multiple of 1/[`SUB_DELAYS`] row.
+///
+/// The carrier is put in before the delay filters because they are low-pass around it. It depends on the tilt
+/// (a row step is the lattice step times the cosine), so the tape is baked again when the cosine changes.
+pub struct BakedTape {
+    raw: Vec<[f32; 2]>,
+    row_step_m: f64,
+    lateral_slope: f64,
+    /// exp(+i·2k·q·step) for q below the tape's length.
+    carrier: Vec<[f64; 2]>,
+    /// The raw tape times its carrier, `REACH` samples longer at both ends.
+    modulated: [Vec<f32>; 2],
+    /// Real and imaginary parts, `SUB_DELAYS` stretches of `stride` samples.
+    pub re: Vec<f32>,
+    pub im: Vec<f32>,
+    /// Samples from one delay to the next.
+    pub stride: usize,
+}
+
+impl BakedTape {
+    pub fn new(seed: u64) -> Self {
+        Self {
+            raw: gaussian_tape(seed, 1, TAPE_LENGTH),
+            row_step_m: 0.0,
+            lateral_slope: 0.0,
+            carrier: Vec::new(),
+            modulated: [Vec::new(), Vec::new()],
+            re: Vec::new(),
+            im: Vec::new(),
+            stride: 0,
+        }
+    }
+
+    /// Sample of the unmodulated tape.
+    pub fn raw(&self, index: usize) -> [f32; 2] {
+        self.raw[index % TAPE_LENGTH]
+    }
+
+    /// exp(+i·2k·q·step), q below the tape's length.
+    pub fn carrier(&self, q: usize) -> [f64; 2] {
+        self.carrier[q]
+    }
+
+    /// Prepares the tape for columns of up to `rows` rows.
+    pub fn bake(&mut self, beam: &Beam, row_step_m: f64, lateral_slope: f64, rows: usize) {
+        let stride = TAPE_LENGTH + rows;
+        if self.stride >= stride && self.row_step_m == row_step_m && self.lateral_slope == lateral_slope {
+            return;
+        }
+        (self.row_step_m, self.lateral_slope, self.stride) = (row_step_m, lateral_slope, stride);
+        self.modulate(beam.two_k_rad_m * row_step_m);
+        let filters = delay_filters(beam, row_step_m, lateral_slope);
+        self.re.resize(SUB_DELAYS * stride, 0.0);
+        self.im.resize(SUB_DELAYS * stride, 0.0);
+        let [modulated_re, modulated_im] = &self.modulated;
+        self.re.par_chunks_mut(stride).zip(self.im.par_chunks_mut(stride)).zip(&filters).for_each(
+            |((re, im), filter)| {
+                filter_samples(re, modulated_re, filter);
+                filter_samples(im, modulated_im, filter);
+            },
+        );
+    }
+
+    fn modulate(&mut self, phase_per_row_rad: f64) {
+        // Products of two short tables: exact to rounding, and far cheaper than a sine per sample.
+        const BLOCK: usize = 64;
+        let turn = |q: f64| {
+            let (sin, cos) = libm::sincos(phase_per_row_rad * q);
+            [cos, sin]
+        };
+        let fine: Vec<[f64; 2]> = (0..BLOCK).map(|q| turn(q as f64)).collect();
+        let length = self.stride + 2 * REACH;
+        self.carrier.clear();
+        for part in &mut self.modulated {
+            part.clear();
+            part.reserve(length);
+        }
+        for block in 0..length.div_ceil(BLOCK) {
+            let [c, s] = turn((block * BLOCK) as f64 - REACH as f64);
+            for (i, &[fine_c, fine_s]) in fine.iter().enumerate().take(length - block * BLOCK) {
+                let sample = block * BLOCK + i;
+                let (cos, sin) = (c * fine_c - s * fine_s, s * fine_c + c * fine_s);
+                let [re, im] = self.raw[(sample + TAPE_LENGTH - REACH) % TAPE_LENGTH].map(f64::from);
+                self.modulated[0].push((re * cos + im * sin) as f32);
+                self.modulated[1].push((im * cos - re * sin) as f32);
+                if (REACH..REACH + TAPE_LENGTH).contains(&sample) {
+                    self.carrier.push([cos, sin]);
+                }
+            }
+        }
+    }
+}
+
+fn filter_samples(out: &mut [f32], modulated: &[f32], filter: &[f32; TAPS]) {
+    const BLOCK: usize = 16;
+    let mut blocks = out.chunks_exact_mut(BLOCK);
+    let mut first = 0;
+    for block in &mut blocks {
+        let mut sum = [0.0f32; BLOCK];
+        for (m, &tap) in filter.iter().enumerate() {
+            // out[q] = Σ_m K[m]·t[q − m], m from −REACH; `modulated` starts REACH samples early.
+            let source = &modulated[first + TAPS - 1 - m..][..BLOCK];
+            for (s, &t) in sum.iter_mut().zip(source) {
+                *s += tap * t;
+            }
+        }
+        block.copy_from_slice(&sum);
+        first += BLOCK;
+    }
+    for (i, o) in blocks.into_remainder().iter_mut().enumerate() {
+        *o = filter.iter().enumerate().map(|(m, &tap)| tap * modulated[first + i + TAPS - 1 - m]).sum();
+    }
+}
+
+/// Least-squares delay filters: K_s minimises ∬|PSF(shifted by s/S rows) − Σ_m K_s[m]·PSF(shifted by m)|²,
+/// the shifts running along the sheared line, where the point spread is a Gaussian of
+/// 1/σ² = 1/σ_z² + slope²/σ_l². Sub-delay s stands for the fraction s/S − ½.
+fn delay_filters(beam: &Beam, row_step_m: f64, lateral_slope: f64) -> Vec<[f32; TAPS]> {
+    let [z, l] = [1.0 / beam.sigma_axial_m, lateral_slope / beam.sigma_lateral_m];
+    // Overlap of two Gaussians of σ at distance d is exp(−d²/4σ²).
+    let decay = row_step_m * row_step_m * (z * z + l * l) / 4.0;
+    let overlap = |d: f64| libm::exp(-decay * d * d);
+    // The ridge bounds the taps where rows are close and neighbours nearly the same (steep tilts).
+    let gram: Matrix = core::array::from_fn(|a| {
+        core::array::from_fn(|b| overlap(a as f64 - b as f64) + if a == b { 1e-6 } else { 0.0 })
+    });
+    let lower = cholesky(&gram);
+    (0..SUB_DELAYS)
+        .map(|s| {
+            let fraction = s as f64 / SUB_DELAYS as f64 - 0.5;
+            let wanted = core::array::from_fn(|m| overlap(m as f64 - REACH as f64 - fraction));
+            let taps = solve(&lower, wanted);
+            core::array::from_fn(|m| taps[m] as f32)
+        })
+        .collect()
+}
+
+type Matrix = [[f64; TAPS]; TAPS];
+
+/// Lower factor L of a positive definite matrix L·Lᵀ. Written out so that the order of sums is ours.
+fn cholesky(matrix: &Matrix) -> Matrix {
+    let mut lower = [[0.0; TAPS]; TAPS];
+    for i in 0..TAPS {
+        for j in 0..=i {
+            let known: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
+            let rest = matrix[i][j] - known;
+            lower[i][j] = if i == j { rest.max(1e-12).sqrt() } else { rest / lower[j][j] };
+        }
+    }
+    lower
+}
+
+fn solve(lower: &Matrix, mut v: [f64; TAPS]) -> [f64; TAPS] {
+    for i in 0..TAPS {
+        let known: f64 = (0..i).map(|k| lower[i][k] * v[k]).sum();
+        v[i] = (v[i] - known) / lower[i][i];
+    }
+    for i in (0..TAPS).rev() {
+        let known: f64 = (i + 1..TAPS).map(|k| lower[k][i] * v[k]).sum();
+        v[i] = (v[i] - known) / lower[i][i];
+    }
+    v
+}

@@ -1,0 +1,130 @@
+//! Same slice, same bytes; and no slice is too odd.
+
+mod common;
+
+use common::{gel, needle, needle_in_probe, pose, probe, slice, water};
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use sonoloop_types::{Image, NeedlePath, Pose, Slice, Vector};
+use sonoloop_ultrasound::Renderer;
+
+fn render(renderer: &mut Renderer, slice: &Slice) -> Vec<u8> {
+    let mut image = Image::black(640, 480);
+    renderer.render(slice, &mut image);
+    image.pixels
+}
+
+fn scene(pose: Pose, sequence: u64) -> Slice {
+    let needle = Some(needle_in_probe(&pose, [2.0, 0.3, 22.0], [0.766, 0.0, 0.643], 30.0));
+    Slice { sequence, needle, ..slice(pose) }
+}
+
+fn poses() -> [Pose; 3] {
+    [
+        pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        pose(0.7, -1.3, -0.4, 31.0, 3.0, -8.0),
+        pose(0.0, 0.0, -10.0, -12.0, -28.0, 27.0),
+    ]
+}
+
+#[test]
+fn bytes_do_not_depend_on_the_number_of_threads() {
+    let with_threads = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| {
+            let mut renderer = Renderer::new(probe(), needle(), gel(), 1);
+            poses().map(|pose| render(&mut renderer, &scene(pose, 3)))
+        })
+    };
+    let one = with_threads(1);
+    assert!(one == with_threads(2), "two threads");
+    assert!(one == with_threads(4), "four threads");
+}
+
+#[test]
+fn bytes_do_not_depend_on_what_was_drawn_before() {
+    let mut used = Renderer::new(probe(), needle(), gel(), 1);
+    for pose in poses() {
+        render(&mut used, &scene(pose, 0));
+    }
+    for pose in poses() {
+        let fresh = render(&mut Renderer::new(probe(), needle(), gel(), 1), &scene(pose, 8));
+        assert!(render(&mut used, &scene(pose, 8)) == fresh);
+    }
+}
+
+#[test]
+fn only_noise_moves_in_a_static_scene() {
+    let mut renderer = Renderer::new(probe(), needle(), gel(), 1);
+    let [rest, ..] = poses();
+    assert_eq!(renderer.field(&scene(rest, 0)), renderer.field(&scene(rest, 1)));
+    let (a, b) = (render(&mut renderer, &scene(rest, 0)), render(&mut renderer, &scene(rest, 1)));
+    let rms = |rows: core::ops::Range<usize>| {
+        let pairs = a[rows.start * 640..rows.end * 640].iter().zip(&b[rows.start * 640..rows.end * 640]);
+        let sum: f64 = pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
+        (sum / (rows.len() * 384) as f64).sqrt()
+    };
+    assert!(rms(0..100) > 0.0, "the noise stands still");
+    assert!(rms(0..100) < 2.0, "{} grey levels of noise near the face", rms(0..100));
+    assert!(rms(380..480) < 12.0, "{} grey levels of noise at depth", rms(380..480));
+}
+
+#[test]
+fn another_seed_is_another_tissue() {
+    let [rest, ..] = poses();
+    let [a, b] = [1, 2].map(|seed| Renderer::new(probe(), needle(), gel(), seed).field(&slice(rest)));
+    let (mut ab, mut aa) = (0.0, 0.0);
+    for (a, b) in a.values.iter().zip(&b.values) {
+        ab += f64::from(a[0] * b[0] + a[1] * b[1]);
+        aa += f64::from(a[0] * a[0] + a[1] * a[1]);
+    }
+    assert!(ab.abs() < 0.05 * aa, "fields of two seeds are alike: {}", ab / aa);
+}
+
+#[test]
+fn no_pose_is_too_odd() {
+    let turn = |x: f64| UnitQuaternion::from_scaled_axis(Vector3::new(x, 0.0, 0.0));
+    let at = |x: f64, z: f64| Translation3::new(x, 0.0, z);
+    let odd = [
+        Pose::identity(),
+        Pose::from_parts(at(1e9, 0.0), turn(std::f64::consts::PI)),
+        Pose::from_parts(at(0.0, -1e3), turn(std::f64::consts::PI)),
+        Pose::from_parts(at(0.0, -0.02), turn(0.0)),
+        Pose::from_parts(at(0.0, -0.02), turn(std::f64::consts::FRAC_PI_2)),
+        Pose::from_parts(at(0.0, 0.0), turn(std::f64::consts::PI - 1.04)),
+        Pose::from_parts(at(f64::NAN, 0.0), turn(std::f64::consts::PI)),
+        Pose::from_parts(at(0.0, f64::INFINITY), turn(std::f64::consts::PI)),
+        Pose::from_parts(at(0.1, 0.0), turn(std::f64::consts::PI)),
+    ];
+    let mut renderer = Renderer::new(probe(), needle(), gel(), 1);
+    for pose in odd {
+        let bytes = render(&mut renderer, &scene(pose, 0));
+        assert_eq!(bytes.len(), 640 * 480);
+        let field = renderer.field(&slice(pose));
+        assert!(field.values.iter().flatten().all(|v| v.is_finite()), "{pose:?}");
+    }
+}
+
+#[test]
+fn no_needle_is_too_odd() {
+    let [rest, ..] = poses();
+    let good = needle_in_probe(&rest, [2.0, 0.0, 22.0], [0.766, 0.0, 0.643], 30.0);
+    let tip = good.tip_in_phantom();
+    let odd = [
+        NeedlePath { centreline_in_phantom: vec![], ..good.clone() },
+        NeedlePath { centreline_in_phantom: vec![tip], ..good.clone() },
+        NeedlePath { centreline_in_phantom: vec![tip, tip, tip], ..good.clone() },
+        NeedlePath {
+            centreline_in_phantom: vec![tip + Vector::new(f64::NAN, 0.0, 0.0), tip],
+            ..good.clone()
+        },
+        NeedlePath { centreline_in_phantom: vec![tip + Vector::new(1e6, 0.0, 0.0), tip], ..good.clone() },
+        NeedlePath { bevel_normal_in_phantom: good.axis_in_phantom, ..good.clone() },
+        NeedlePath { bevel_normal_in_phantom: Vector::zeros(), axis_in_phantom: Vector::zeros(), ..good },
+    ];
+    let mut renderer = Renderer::new(probe(), needle(), water(), 1);
+    for needle in odd {
+        let slice = Slice { needle: Some(needle), element_gap_m: vec![], gain_db: f64::NAN, ..slice(rest) };
+        assert_eq!(render(&mut renderer, &slice).len(), 640 * 480);
+        assert!(renderer.field(&slice).values.iter().flatten().all(|v| v.is_finite()));
+    }
+}

@@ -1,0 +1,170 @@
+//! What does not change during a run, and where it begins.
+
+use sonoloop_scenario::Scenario;
+use sonoloop_types::{Point, Pose, Setup, Tissue, Vector, View};
+
+use crate::WorldError;
+use crate::arm::{Arm, ArmModel};
+use crate::contact::Contact;
+use crate::hidden::Hidden;
+use crate::needle::Path;
+use crate::phantom;
+use crate::placement;
+use crate::scene::{MARGIN_M, Scene};
+use crate::truth;
+
+/// Version of the protocol that [`Setup::protocol`] states.
+pub const PROTOCOL: u32 = 1;
+
+/// Immutable: the scenario, what was drawn from its seed, and what follows from both.
+pub(crate) struct Model {
+    pub scenario: Scenario,
+    pub tissue: Tissue,
+    pub arm: ArmModel,
+    pub contact: Contact,
+    pub path: Path,
+    /// Deepest the needle robot goes.
+    pub max_depth_m: f64,
+    /// True mount of the probe before any slip.
+    pub flange_from_mounted_probe: Pose,
+    /// True target, phantom frame.
+    pub target_in_phantom: Point,
+    /// Measured pose of the probe at the start.
+    pub base_from_probe_at_start: Pose,
+    /// The rest of what the tracker is told.
+    entry_in_base: Point,
+    needle_axis_in_base: Vector,
+    target_in_base: Point,
+    click_px: [f64; 2],
+}
+
+impl Model {
+    /// Draws, checks and places; the arm at rest and the scene come along.
+    pub(crate) fn new(scenario: &Scenario) -> Result<(Self, Arm, Scene), WorldError> {
+        check_values(scenario)?;
+        let insertion = &scenario.insertion;
+        let hidden = Hidden::draw(scenario.seed, &scenario.calibration, &scenario.placement);
+        let arm = ArmModel::new(&scenario.arm, &scenario.limits, scenario.probe.aperture_m())?;
+        let contact = Contact::new(&scenario.probe, &scenario.phantom);
+
+        let max_depth_m = scenario.needle_robot.max_depth_m.min(scenario.needle.length_m);
+        if insertion.target_depth_m > max_depth_m {
+            return Err(WorldError::TargetTooDeep {
+                depth_mm: insertion.target_depth_m * 1e3,
+                max_mm: max_depth_m * 1e3,
+            });
+        }
+        // World and phantom coincide while the phantom rests.
+        let path = Path::new(
+            &scenario.needle,
+            insertion.entry_in_world + hidden.entry_error_in_world,
+            hidden.axis_error * insertion.axis_in_world,
+            insertion.bevel_roll_rad,
+            max_depth_m,
+        );
+
+        let flange_from_mounted_probe = scenario.arm.flange_from_probe * hidden.nominal_from_true_probe;
+        let world_from_probe = placement::world_from_probe_at_start(scenario, &path, &hidden, &contact);
+        let angles = placement::angles_at_start(&arm, &world_from_probe, &flange_from_mounted_probe)?;
+        placement::check_follow_path(
+            scenario,
+            &arm,
+            &path,
+            &world_from_probe,
+            &flange_from_mounted_probe,
+            &angles,
+        )?;
+        let arm_at_rest = Arm::at_rest(&arm, angles);
+
+        let mut scene = Scene::new(&scenario.arm, &arm.chain, &scenario.probe, &scenario.phantom);
+        scene.excuse_own_neighbours(arm_at_rest.link_poses());
+        if let Some(nearest) = scene.nearest(arm_at_rest.link_poses()) {
+            return Err(WorldError::StartCollision { between: nearest.between, margin_mm: MARGIN_M * 1e3 });
+        }
+
+        // From here on what the operator sees and marks: the measured pose, not the true one.
+        let base_from_world = scenario.arm.world_from_base.inverse();
+        let base_from_probe_at_start = arm_at_rest.base_from_flange() * scenario.arm.flange_from_probe;
+        let true_world_from_probe =
+            scenario.arm.world_from_base * arm_at_rest.base_from_flange() * flange_from_mounted_probe;
+        let probe_from_world = true_world_from_probe.inverse();
+        let target_in_phantom = Point::from(path.pose_at(insertion.target_depth_m).translation.vector);
+        let mut target_in_probe = probe_from_world * target_in_phantom;
+        if scenario.view == View::Lateral {
+            // A mark in the picture has no elevation.
+            target_in_probe.y = 0.0;
+        }
+        let sight = truth::sight(scenario, &path, &probe_from_world, insertion.start_depth_m);
+        let click_px = [0, 1].map(|i| sight.reference_px[i] + hidden.click_error_px[i]);
+
+        let model = Self {
+            tissue: phantom::tissue(&scenario.phantom),
+            arm,
+            contact,
+            path,
+            max_depth_m,
+            flange_from_mounted_probe,
+            target_in_phantom,
+            base_from_probe_at_start,
+            entry_in_base: base_from_world * insertion.entry_in_world,
+            needle_axis_in_base: base_from_world * insertion.axis_in_world,
+            target_in_base: base_from_probe_at_start * target_in_probe,
+            click_px,
+            scenario: scenario.clone(),
+        };
+        Ok((model, arm_at_rest, scene))
+    }
+
+    /// Nominal calibrations, marks and settings; nothing of the truth.
+    pub(crate) fn setup(&self, run_id: u64) -> Setup {
+        let scenario = &self.scenario;
+        Setup {
+            protocol: PROTOCOL,
+            run_id,
+            tick_rate_hz: sonoloop_types::TICKS_PER_SECOND as u32,
+            image_period_ticks: scenario.image_period_ticks,
+            view: scenario.view,
+            geometry: scenario.probe.geometry,
+            slice_thickness_m: scenario.probe.elevation.iter().map(|s| [s.depth_m, s.width_m]).collect(),
+            flange_from_probe: scenario.arm.flange_from_probe,
+            entry_in_base: self.entry_in_base,
+            needle_axis_in_base: self.needle_axis_in_base,
+            target_in_base: self.target_in_base,
+            click_px: self.click_px,
+            limits: scenario.limits,
+            tracker: scenario.tracker,
+            servo: scenario.servo,
+        }
+    }
+}
+
+/// What the loader already holds for files; a scenario built in code may not.
+fn check_values(scenario: &Scenario) -> Result<(), WorldError> {
+    let materials = scenario.phantom.materials.len();
+    let bad = |key: &'static str, why: String| Err(WorldError::Value { key, why });
+    if usize::from(scenario.phantom.background) >= materials {
+        return bad("phantom.background", format!("material {} is not listed", scenario.phantom.background));
+    }
+    if let Some(inclusion) = scenario.phantom.inclusions.iter().find(|i| usize::from(i.material) >= materials)
+    {
+        return bad(
+            "phantom.inclusions",
+            format!("`{}` is made of a material that is not listed", inclusion.name),
+        );
+    }
+    if scenario.probe.elevation.is_empty() || scenario.probe.elements == 0 {
+        return bad("probe", "needs elements and a table of slice thickness".into());
+    }
+    let norm = scenario.insertion.axis_in_world.norm();
+    if norm.is_nan() || (norm - 1.0).abs() > 1e-6 {
+        return bad("insertion.angle_deg", "the needle's axis is not a unit vector".into());
+    }
+    let speed_m_s = scenario.limits.max_probe_speed_m_s;
+    if speed_m_s.is_nan() || speed_m_s <= 0.0 {
+        return bad("limits.max_probe_speed_mm_s", "must be above 0".into());
+    }
+    if scenario.image_period_ticks == 0 {
+        return bad("image_rate_hz", "at least one tick lies between images".into());
+    }
+    Ok(())
+}

@@ -1,0 +1,362 @@
+//! The world that advances tick by tick.
+
+use std::sync::Arc;
+
+use sonoloop_scenario::Scenario;
+use sonoloop_types::{
+    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Pose, Refusal, Setup, Slice, Tissue,
+    Truth,
+};
+
+use crate::WorldError;
+use crate::arm::{Arm, CONTROL_TICKS};
+use crate::contact::Touch;
+use crate::hidden::force_noise_n;
+use crate::inbox::{Bounds, Inbox};
+use crate::model::Model;
+use crate::needle::Feed;
+use crate::press::{Press, PressInput};
+use crate::scene::{MARGIN_M, Scene};
+use crate::timeline::Timeline;
+use crate::truth;
+
+/// A body counts as coming nearer when its distance falls by more than this between two looks.
+const APPROACH_M: f64 = 1e-5;
+
+/// Phantom, needle, arm and all that happens to them.
+///
+/// [`World::step`] advances simulated time by one tick; [`World::slice`] and [`World::acquisition`] say what
+/// a picture taken now would show and what the rig measures beside it; [`World::submit`] takes the answers.
+pub struct World {
+    model: Arc<Model>,
+    state: State,
+    scene: Scene,
+}
+
+/// Everything that changes; small, cloneable.
+#[derive(Debug, Clone)]
+struct State {
+    tick: u64,
+    arm: Arm,
+    feed: Feed,
+    touch: Touch,
+    press: Press,
+    timeline: Timeline,
+    inbox: Inbox,
+    /// True mount now: flange from probe.
+    flange_from_probe: Pose,
+    /// True pose of the probe now.
+    world_from_probe: Pose,
+    /// Tick at which the last valid command took effect.
+    last_command_tick: u64,
+    /// Distance of the nearest pair within the margin at the last look.
+    nearest_m: Option<f64>,
+    needle_has_moved: bool,
+    refused_commands: u64,
+    events: Vec<Event>,
+}
+
+impl World {
+    /// Draws the hidden errors from the scenario's seed, places the probe as the operator would, and checks
+    /// that the arm can follow the needle to its target. Errors name the key of the scenario to blame.
+    pub fn new(scenario: &Scenario) -> Result<Self, WorldError> {
+        let (model, arm, scene) = Model::new(scenario)?;
+        let flange_from_probe = model.flange_from_mounted_probe;
+        let world_from_probe = scenario.arm.world_from_base * arm.base_from_flange() * flange_from_probe;
+        let press = Press::new(
+            scenario.placement.contact_force_n,
+            scenario.limits.max_contact_force_n,
+            scenario.limits.max_probe_speed_m_s,
+            arm.press_m(),
+        );
+        let mut state = State {
+            tick: 0,
+            arm,
+            feed: Feed::at_rest(scenario.insertion.start_depth_m.clamp(0.0, model.max_depth_m)),
+            touch: Touch::resting(&model.contact, &world_from_probe),
+            press,
+            timeline: Timeline::new(scenario.delays.image_ticks),
+            inbox: Inbox::new(),
+            flange_from_probe,
+            world_from_probe,
+            last_command_tick: 0,
+            nearest_m: None,
+            needle_has_moved: false,
+            refused_commands: 0,
+            events: Vec::new(),
+        };
+        state.timeline.step(&scenario.disturbances, 0, &mut state.events);
+        Ok(Self { model: Arc::new(model), state, scene })
+    }
+
+    /// The undeformed phantom, for the renderer.
+    pub fn tissue(&self) -> Tissue {
+        self.model.tissue.clone()
+    }
+
+    /// What the tracker is told before the first image: nominal calibrations, marks, limits, settings.
+    pub fn setup(&self, run_id: u64) -> Setup {
+        self.model.setup(run_id)
+    }
+
+    /// Simulated time.
+    pub fn tick(&self) -> u64 {
+        self.state.tick
+    }
+
+    /// Delay of pictures taken now, from acquisition to publication.
+    pub fn image_delay_ticks(&self) -> u64 {
+        self.state.timeline.image_delay_ticks
+    }
+
+    /// True from the tick at which the scenario kills the tracker until the tick of its restart: no answer
+    /// is due meanwhile.
+    pub fn tracker_down(&self) -> bool {
+        self.state.timeline.tracker_down()
+    }
+
+    /// Commands refused so far.
+    pub fn refused_commands(&self) -> u64 {
+        self.state.refused_commands
+    }
+
+    /// Takes the events since the last call, in the order in which they happened.
+    pub fn drain_events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.state.events)
+    }
+
+    /// Tells the world that an image was handed out, so that answers to it are known.
+    pub fn note_published(&mut self, image: &Acquisition) {
+        self.state.inbox.note_published(image);
+    }
+
+    /// Takes a command that arrives now. A valid one acts at the publication tick of the image it answers
+    /// plus the command delay, at the next tick at the earliest. A refused one is counted and reported.
+    pub fn submit(&mut self, command: &Command) -> CommandReceipt {
+        let scenario = &self.model.scenario;
+        let bounds = Bounds {
+            limits: &scenario.limits,
+            base_from_probe_at_start: &self.model.base_from_probe_at_start,
+            command_delay_ticks: scenario.delays.command_ticks,
+        };
+        let receipt = self.state.inbox.submit(command, self.state.tick, &bounds);
+        self.state.report(&receipt);
+        receipt
+    }
+
+    /// Counts and reports a command that the wire has already refused.
+    pub fn refuse(&mut self, answers: u64, refusal: Refusal) -> CommandReceipt {
+        let receipt = self.state.inbox.refuse(answers, refusal);
+        self.state.report(&receipt);
+        receipt
+    }
+
+    /// One tick (1 ms) onwards.
+    pub fn step(&mut self) {
+        self.state.step(&self.model);
+        if self.state.tick.is_multiple_of(self.model.scenario.image_period_ticks) {
+            self.state.look_around(&self.model, &mut self.scene);
+        }
+    }
+
+    /// All that a picture taken now depends on.
+    pub fn slice(&self, sequence: u64) -> Slice {
+        let state = &self.state;
+        Slice {
+            sequence,
+            // The phantom rests in the world.
+            phantom_from_probe: state.world_from_probe,
+            needle: (state.feed.depth_m > 0.0).then(|| self.model.path.seen_at(state.feed.depth_m)),
+            needle_gain_db: state.timeline.needle_gain_db,
+            element_gap_m: self
+                .model
+                .contact
+                .element_gaps_m(&state.world_from_probe, &self.model.scenario.probe),
+            gain_db: state.timeline.gain_db,
+        }
+    }
+
+    /// What the rig measures with a picture taken now: joint encoders and the *nominal* mount, depth, feed
+    /// and noisy force. A slip of the probe in its holder shows in none of them.
+    pub fn acquisition(&self, sequence: u64) -> Acquisition {
+        let (state, scenario) = (&self.state, &self.model.scenario);
+        Acquisition {
+            sequence,
+            acquisition_tick: state.tick,
+            publication_tick: state.tick + state.timeline.image_delay_ticks,
+            pose_tick: state.tick,
+            base_from_probe: state.arm.base_from_flange() * scenario.arm.flange_from_probe,
+            depth_m: Some(state.feed.depth_m),
+            feed_m_s: Some(state.feed.speed_m_s),
+            contact_force_n: state.touch.force_n
+                + force_noise_n(scenario.seed, sequence, scenario.calibration.force_sigma_n),
+            arm_status: state.arm.status(),
+            last_command: state.inbox.last_receipt(),
+        }
+    }
+
+    /// What really is the case now.
+    pub fn truth(&self) -> Truth {
+        let (state, model) = (&self.state, &*self.model);
+        let depth_m = state.feed.depth_m;
+        let probe_from_world = state.world_from_probe.inverse();
+        let sight = truth::sight(&model.scenario, &model.path, &probe_from_world, depth_m);
+        Truth {
+            tick: state.tick,
+            world_from_probe: state.world_from_probe,
+            tip_in_world: sight.tip_in_world,
+            tip_in_probe: sight.tip_in_probe,
+            reference_px: sight.reference_px,
+            plane_to_tip_m: sight.plane_to_tip_m,
+            visible: truth::visible(
+                &model.scenario.probe,
+                &model.contact,
+                &state.world_from_probe,
+                &sight.tip_in_probe,
+            ),
+            depth_m,
+            feed_m_s: state.feed.speed_m_s,
+            contact_force_n: state.touch.force_n,
+            target_distance_m: (sight.tip_in_world - model.target_in_phantom).norm(),
+            min_joint_margin_rad: model.arm.chain.margin_rad(state.arm.angles_rad()),
+            collision: state.nearest_m.is_some_and(|distance_m| distance_m <= 0.0),
+        }
+    }
+
+    /// Joint angles, for pictures of the arm and for tests of its limits.
+    pub fn joint_angles_rad(&self) -> [f64; 6] {
+        *self.state.arm.angles_rad()
+    }
+}
+
+impl State {
+    fn event(&mut self, kind: EventKind, detail: impl Into<String>) {
+        self.events.push(Event { tick: self.tick, kind, detail: detail.into() });
+    }
+
+    fn report(&mut self, receipt: &CommandReceipt) {
+        let Some(refusal) = receipt.refused else { return };
+        self.refused_commands += 1;
+        let why = match refusal {
+            Refusal::NotFinite => "a value is not finite",
+            Refusal::OutOfLimits => "out of limits",
+            Refusal::OtherRun => "belongs to another run",
+            Refusal::Stale => "too old",
+            Refusal::UnknownImage => "answers an image that was never sent",
+            Refusal::Malformed => "its bytes do not make a command",
+        };
+        self.event(EventKind::CommandRefused, format!("answer to image {}: {why}", receipt.answers));
+    }
+
+    fn step(&mut self, model: &Model) {
+        let scenario = &model.scenario;
+        self.tick += 1;
+        self.timeline.step(&scenario.disturbances, self.tick, &mut self.events);
+        while let Some(command) = self.inbox.pop_due(self.tick) {
+            self.obey(model, &command);
+        }
+        self.watch_for_silence(scenario.needle_robot.watchdog_ticks);
+        self.feed_needle(model);
+        if self.tick.is_multiple_of(CONTROL_TICKS) {
+            self.control_arm(model);
+        }
+        self.arm.step(&model.arm);
+        if self.timeline.slipping(self.tick) {
+            self.flange_from_probe =
+                model.flange_from_mounted_probe * self.timeline.mounted_from_slipped(self.tick);
+        }
+        self.world_from_probe =
+            scenario.arm.world_from_base * self.arm.base_from_flange() * self.flange_from_probe;
+        self.touch.step(&model.contact, &self.world_from_probe);
+        if self.press.watch(self.touch.force_n) {
+            let detail = format!(
+                "contact force {:.1} N is above {:.1} N; the probe retreats",
+                self.touch.force_n, scenario.limits.max_contact_force_n
+            );
+            self.event(EventKind::ForceLimit, detail);
+        }
+    }
+
+    fn obey(&mut self, model: &Model, command: &Command) {
+        self.last_command_tick = self.tick;
+        self.feed.wanted_m_s = command.feed_m_s;
+        let Some(target) = &command.target_base_from_probe else {
+            self.arm.keep_target();
+            return;
+        };
+        let was_unreachable = self.arm.status() == ArmStatus::Unreachable;
+        if let Err(why) = self.arm.set_target(&model.arm, target)
+            && !was_unreachable
+        {
+            self.event(EventKind::Unreachable, format!("the arm holds: {why}"));
+        }
+    }
+
+    /// The needle robot is safe by itself, whatever became of the tracker.
+    fn watch_for_silence(&mut self, watchdog_ticks: u64) {
+        if self.tick - self.last_command_tick < watchdog_ticks {
+            return;
+        }
+        if self.feed.wanted_m_s > 0.0 {
+            self.feed.wanted_m_s = 0.0;
+            let detail = format!("no valid command for {watchdog_ticks} ms; the needle stops, the arm holds");
+            self.event(EventKind::Watchdog, detail);
+        }
+        self.arm.hold();
+    }
+
+    fn feed_needle(&mut self, model: &Model) {
+        let moved_before = self.feed.speed_m_s > 0.0;
+        self.feed.step(&model.scenario.needle_robot, model.max_depth_m);
+        let depth_mm = self.feed.depth_m * 1e3;
+        match (moved_before, self.feed.speed_m_s > 0.0) {
+            (true, false) => {
+                self.event(EventKind::NeedleStopped, format!("needle at rest at {depth_mm:.2} mm"));
+            }
+            (false, true) => {
+                if self.needle_has_moved {
+                    self.event(EventKind::NeedleResumed, format!("needle moves on from {depth_mm:.2} mm"));
+                }
+                self.needle_has_moved = true;
+            }
+            _ => {}
+        }
+    }
+
+    fn control_arm(&mut self, model: &Model) {
+        let input = PressInput {
+            force_n: self.touch.force_n,
+            centre_indentation_m: model.contact.centre_indentation_m(&self.world_from_probe),
+            press_m: self.arm.press_m(),
+            lift_m: self.timeline.lift_m(),
+        };
+        let rate_m_s = self.press.rate_m_s(&model.contact, &input);
+        if let Err(why) = self.arm.control(&model.arm, rate_m_s) {
+            self.event(EventKind::Unreachable, format!("the arm holds: {why}"));
+        }
+    }
+
+    /// Once per image: who is too near, and may a stopped arm set out again?
+    fn look_around(&mut self, model: &Model, scene: &mut Scene) {
+        let nearest = scene.nearest(self.arm.link_poses());
+        let distance_m = nearest.as_ref().map(|n| n.distance_m);
+        let approaching =
+            distance_m.is_some_and(|now| self.nearest_m.is_none_or(|last| now < last - APPROACH_M));
+        if let Some(nearest) = nearest.filter(|_| approaching && self.arm.status() != ArmStatus::Collision) {
+            let detail = format!(
+                "{} are {:.1} mm apart, {:.1} mm must stay; the arm stops",
+                nearest.between,
+                nearest.distance_m * 1e3,
+                MARGIN_M * 1e3
+            );
+            self.event(EventKind::Collision, detail);
+            self.arm.stop_for_collision();
+        } else if self.arm.status() == ArmStatus::Collision
+            && let Some(angles) = self.arm.target_angles(&model.arm)
+            && scene.nearest(&model.arm.chain.link_poses(&angles)).is_none()
+        {
+            self.arm.release(&model.arm);
+        }
+        self.nearest_m = distance_m;
+    }
+}

@@ -1,0 +1,255 @@
+//! The command line: help, JSON, exit codes, and bad input of every kind.
+
+use std::path::{Path, PathBuf};
+
+mod common;
+use common::{finish, program, root, sonoloop, start};
+
+/// A copy of the repository's data files that a test may spoil.
+struct Box {
+    folder: tempfile::TempDir,
+}
+
+impl Box {
+    fn new() -> Self {
+        fn copy(from: &Path, to: &Path) {
+            std::fs::create_dir_all(to).expect("folder");
+            for entry in std::fs::read_dir(from).expect("folder") {
+                let path = entry.expect("entry").path();
+                let target = to.join(path.file_name().expect("name"));
+                if path.is_dir() {
+                    copy(&path, &target);
+                } else {
+                    std::fs::copy(&path, &target).expect("copy");
+                }
+            }
+        }
+        let folder = tempfile::tempdir().expect("temporary folder");
+        for name in ["scenarios", "robots", "phantoms"] {
+            copy(&root().join(name), &folder.path().join(name));
+        }
+        Self { folder }
+    }
+
+    fn path(&self, relative: &str) -> PathBuf {
+        self.folder.path().join(relative)
+    }
+
+    /// Replaces the first `from` in a file; the file must hold it.
+    fn edit(&self, relative: &str, from: &str, to: &str) {
+        let path = self.path(relative);
+        let text = std::fs::read_to_string(&path).expect("text");
+        assert!(text.contains(from), "{relative} holds no {from:?}");
+        std::fs::write(path, text.replacen(from, to, 1)).expect("write");
+    }
+
+    /// Runs the plain lateral scenario and expects refusal with all of `parts` in the message.
+    fn refused(&self, parts: &[&str]) {
+        self.refused_with(&[], parts);
+    }
+
+    fn refused_with(&self, arguments: &[&str], parts: &[&str]) {
+        let out = self.path("out");
+        let mut command = program();
+        command
+            .arg("run")
+            .arg(self.path("scenarios/lateral_plain.yaml"))
+            .arg("--out")
+            .arg(&out)
+            .args(arguments);
+        let finished = finish(start(command));
+        assert_eq!(finished.code(), 2, "{}\n{}", finished.stdout, finished.stderr);
+        assert_eq!(finished.stdout, "", "an error goes to stderr");
+        for part in parts {
+            assert!(finished.stderr.contains(part), "no {part:?} in:\n{}", finished.stderr);
+        }
+        assert!(!finished.stderr.contains("panicked"), "{}", finished.stderr);
+        assert!(!out.exists(), "nothing may be written");
+    }
+}
+
+const SCENARIO: &str = "scenarios/lateral_plain.yaml";
+const URDF: &str = "robots/kuka_kr6_r900/robot.urdf";
+
+#[test]
+fn an_unknown_key_is_named_with_file_and_line() {
+    let files = Box::new();
+    files.edit(SCENARIO, "insertion:\n", "insertion:\n  speed_of_light: 3\n");
+    files.refused(&["lateral_plain.yaml", "speed_of_light"]);
+}
+
+#[test]
+fn a_wrong_unit_is_an_unknown_key() {
+    let files = Box::new();
+    files.edit(SCENARIO, "angle_deg:", "angle_rad:");
+    files.refused(&["lateral_plain.yaml", "angle_rad"]);
+}
+
+#[test]
+fn a_value_out_of_range_is_named_with_its_bound() {
+    let files = Box::new();
+    files.edit(SCENARIO, "duration_s:", "duration_s: -4 #");
+    files.refused(&["lateral_plain.yaml", "duration_s", "-4"]);
+}
+
+#[test]
+fn a_missing_robot_is_named() {
+    let files = Box::new();
+    files.edit(SCENARIO, "kuka_kr6_r900/robot.yaml", "nobody/robot.yaml");
+    files.refused(&["nobody/robot.yaml"]);
+}
+
+#[test]
+fn an_arm_with_five_joints_is_refused() {
+    let files = Box::new();
+    let text = std::fs::read_to_string(files.path(URDF)).expect("urdf");
+    let joint = text.find("type=\"revolute\"").expect("a revolute joint");
+    let mut fewer = text.clone();
+    fewer.replace_range(joint..joint + "type=\"revolute\"".len(), "type=\"fixed\"");
+    std::fs::write(files.path(URDF), fewer).expect("write");
+    files.refused(&["robot.urdf", "5", "6"]);
+}
+
+#[test]
+fn a_dangling_joint_is_refused() {
+    let files = Box::new();
+    let text = std::fs::read_to_string(files.path(URDF)).expect("urdf");
+    let at = text.find("<child link=\"").expect("a child") + "<child link=\"".len();
+    let end = at + text[at..].find('"').expect("closing quote");
+    let mut dangling = text.clone();
+    dangling.replace_range(at..end, "nowhere");
+    std::fs::write(files.path(URDF), dangling).expect("write");
+    files.refused(&["robot.urdf", "nowhere"]);
+}
+
+#[test]
+fn a_phantom_of_negative_size_is_refused_in_its_own_file() {
+    let files = Box::new();
+    let phantom = "phantoms/gelatin_agar_heterogeneous.yaml";
+    files.edit(phantom, "size_mm: [200", "size_mm: [-200");
+    files.refused(&["gelatin_agar_heterogeneous.yaml", "size_mm", "-200"]);
+}
+
+#[test]
+fn a_target_that_the_arm_cannot_reach_is_refused() {
+    let files = Box::new();
+    files.edit("robots/kuka_kr6_r900/robot.yaml", "xyz_mm: [", "xyz_mm: [3000, 0, 0] #");
+    files.refused(&["reach"]);
+}
+
+#[test]
+fn empty_and_binary_files_are_refused() {
+    let files = Box::new();
+    std::fs::write(files.path(SCENARIO), "").expect("write");
+    files.refused(&["lateral_plain.yaml", "empty"]);
+    std::fs::write(files.path(SCENARIO), [0x7f, b'E', b'L', b'F', 0, 0xff, 0xfe, 0]).expect("write");
+    files.refused(&["lateral_plain.yaml"]);
+    std::fs::remove_file(files.path(SCENARIO)).expect("remove");
+    files.refused(&["lateral_plain.yaml"]);
+}
+
+#[test]
+fn an_override_of_a_key_that_does_not_exist_is_refused() {
+    let files = Box::new();
+    files.refused_with(&["--set", "servo.no_such_gain=1"], &["no_such_gain", "--set"]);
+    files.refused_with(&["--set", "duration_s=soon"], &["duration_s", "soon"]);
+    files.refused_with(&["--set", "nonsense"], &["nonsense"]);
+}
+
+#[test]
+fn a_truncated_recording_is_refused_and_nothing_is_written() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let sequence = folder.path().join("cut.mha");
+    let header = "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
+                  CompressedData = False\nDimSize = 64 48 3\nUltrasoundImageOrientation = MF\n\
+                  ElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
+    let mut bytes = header.as_bytes().to_vec();
+    bytes.extend(std::iter::repeat_n(7u8, 64 * 48 * 2));
+    for (contents, part) in [(bytes, "cut.mha"), (Vec::new(), "empty"), (vec![0xff; 100], "cut.mha")] {
+        std::fs::write(&sequence, contents).expect("write");
+        let out = folder.path().join("out");
+        let mut command = program();
+        command.arg("track").arg(&sequence).args(["--init", "30,20", "--out"]).arg(&out);
+        let finished = finish(start(command));
+        assert_eq!(finished.code(), 2, "{}", finished.stderr);
+        assert!(finished.stderr.contains(part), "{}", finished.stderr);
+        assert!(!out.exists(), "nothing may be written");
+    }
+}
+
+#[test]
+fn help_shows_examples_and_wrong_usage_exits_2() {
+    let help = sonoloop(&["--help"]);
+    assert_eq!(help.code(), 0);
+    assert!(help.stdout.contains("Examples:") && help.stdout.contains("Exit codes"));
+    assert_eq!(sonoloop(&["run"]).code(), 2);
+    assert_eq!(sonoloop(&["fly"]).code(), 2);
+    assert_eq!(sonoloop(&["track"]).code(), 2);
+}
+
+#[test]
+fn json_is_all_that_stdout_holds_and_a_failed_expectation_exits_1() {
+    let passed = sonoloop(&["run", SCENARIO, "--json"]);
+    assert_eq!(passed.code(), 0, "{}", passed.stderr);
+    let summary = passed.json();
+    assert_eq!(summary["verdict"], "pass");
+    for key in ["scenario", "seed", "version", "expectations", "metrics", "timing"] {
+        assert!(!summary[key].is_null(), "summary has no {key}");
+    }
+    let failed = sonoloop(&["run", SCENARIO, "--json", "--in-process", "--set", "expect.coverage.min=1.5"]);
+    assert!(failed.code() == 1 || failed.code() == 2, "{}", failed.stderr);
+    let failed = sonoloop(&["run", SCENARIO, "--json", "--in-process", "--set", "duration_s=3"]);
+    assert_eq!(failed.code(), 1, "{}", failed.stderr);
+    assert_eq!(failed.json()["verdict"], "fail");
+}
+
+#[test]
+fn check_and_list_know_every_committed_file() {
+    let checked = sonoloop(&["check", "scenarios"]);
+    assert_eq!(checked.code(), 0, "{}", checked.stderr);
+    let listed = sonoloop(&["list"]);
+    assert_eq!(listed.code(), 0);
+    for file in common::scenarios() {
+        let name = file.file_name().expect("name").to_str().expect("text");
+        assert!(checked.stdout.contains(name), "check is silent on {name}");
+        assert!(listed.stdout.contains(name), "list is silent on {name}");
+    }
+}
+
+#[test]
+fn render_writes_a_picture_with_a_needle_in_it() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let picture = |name: &str, extra: &[&str]| {
+        let out = folder.path().join(name);
+        let mut command = program();
+        command.args(["render", "phantoms/gelatin_agar.yaml", "--out"]).arg(&out).args(extra);
+        let finished = finish(start(command));
+        assert_eq!(finished.code(), 0, "{}", finished.stderr);
+        image::open(&out).expect("a picture").to_luma8()
+    };
+    let plain = picture("plain.png", &[]);
+    let needle = picture("needle.png", &["--needle-angle-deg", "30", "--tip-depth-mm", "25"]);
+    assert_eq!(plain.dimensions(), (640, 480));
+    let around_tip = |image: &image::GrayImage| {
+        (245..256)
+            .flat_map(|v| (312..328).map(move |u| (u, v)))
+            .map(|(u, v)| u32::from(image.get_pixel(u, v)[0]))
+            .max()
+    };
+    assert!(around_tip(&needle) > around_tip(&plain), "the tip is drawn where it was asked for");
+}
+
+#[test]
+fn a_suite_reports_each_run_and_writes_junit() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let junit = folder.path().join("junit.xml");
+    let mut command = program();
+    command.args(["suite", SCENARIO, "--seeds", "2", "--json", "--junit"]).arg(&junit);
+    let finished = finish(start(command));
+    assert_eq!(finished.code(), 0, "{}", finished.stderr);
+    let report = finished.json();
+    assert_eq!(report["runs"].as_array().expect("runs").len(), 2);
+    assert_eq!(report["rates"][0]["passed"], 2);
+    let xml = std::fs::read_to_string(junit).expect("junit");
+    assert!(xml.contains("<testsuite") && xml.matches("<testcase").count() == 2);
+}

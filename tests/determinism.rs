@@ -1,0 +1,72 @@
+//! Same scenario and seed, same bytes: run against run, one process against two, any number of threads.
+
+use std::path::Path;
+
+mod common;
+use common::{finish, program, sonoloop, start};
+
+fn images_csv(out: &Path) -> String {
+    let text = std::fs::read_to_string(out.join("images.csv")).expect("images.csv");
+    assert!(text.lines().count() > 100, "a run has more than a hundred images");
+    text
+}
+
+/// Names the first line that differs, which is what one needs to find the cause.
+fn assert_same(a: &str, b: &str, what: &str) {
+    for (k, (left, right)) in a.lines().zip(b.lines()).enumerate() {
+        assert_eq!(left, right, "{what}: first difference in line {}", k + 1);
+    }
+    assert_eq!(a.lines().count(), b.lines().count(), "{what}: different length");
+}
+
+fn compare(scenario: &str) {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let out = |name: &str| folder.path().join(name);
+    let run = |name: &str, extra: &[&str], threads: Option<&str>| {
+        let mut command = program();
+        command.args(["run", scenario, "--json", "--out"]).arg(out(name)).args(extra);
+        if let Some(threads) = threads {
+            command.env("RAYON_NUM_THREADS", threads);
+        }
+        let finished = finish(start(command));
+        assert!(finished.code() < 2, "{}", finished.stderr);
+        images_csv(&out(name))
+    };
+    let first = run("first", &[], None);
+    assert_same(&first, &run("second", &[], Some("1")), "second run, one thread");
+    assert_same(&first, &run("third", &["--in-process"], Some("3")), "in process, three threads");
+    let resolved = out("first").join("scenario.yaml");
+    assert!(std::fs::read_to_string(resolved).expect("scenario.yaml").contains("seed"));
+}
+
+#[test]
+fn lateral_recovery_gives_the_same_bytes_however_it_is_run() {
+    compare("scenarios/lateral_recovery.yaml");
+}
+
+#[test]
+fn a_killed_tracker_gives_the_same_bytes_however_it_is_run() {
+    compare("scenarios/faults/tracker_killed.yaml");
+}
+
+#[test]
+fn another_seed_gives_other_bytes() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let run = |seed: &str| {
+        let out = folder.path().join(seed);
+        let out_text = out.to_str().expect("path");
+        let finished = sonoloop(&[
+            "run",
+            "scenarios/lateral_plain.yaml",
+            "--in-process",
+            "--json",
+            "--seed",
+            seed,
+            "--out",
+            out_text,
+        ]);
+        assert!(finished.code() < 2, "{}", finished.stderr);
+        images_csv(&out)
+    };
+    assert_ne!(run("1"), run("2"));
+}

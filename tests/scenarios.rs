@@ -1,0 +1,74 @@
+//! The committed scenarios, run whole: the bounds they promise, and the trackers that must fail them.
+
+use sonoloop::commands::{Finished, execute_in_process};
+use sonoloop::controller::ControllerKind;
+use sonoloop::null::Null;
+use sonoloop::scenarios::prepare;
+
+mod common;
+
+fn run(file: &std::path::Path, seed: Option<u64>, kind: ControllerKind) -> Finished {
+    let (scenario, session) = prepare(file, seed, &[]).unwrap_or_else(|e| panic!("{e}"));
+    execute_in_process(&scenario, session, kind).unwrap_or_else(|e| panic!("{}: {e}", file.display()))
+}
+
+/// Does the same for every case, two at a time.
+fn for_each<T: Sync>(cases: &[T], check: impl Fn(&T) + Sync) {
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let Some(case) = cases.get(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)) {
+                    check(case);
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn every_scenario_passes_with_its_own_seed() {
+    for_each(&common::scenarios(), |file| {
+        let finished = run(file, None, ControllerKind::Tracker);
+        let failed = finished.failed();
+        assert!(failed.is_empty(), "{}: {}", file.display(), failed.join(", "));
+    });
+}
+
+/// The bounds are written out here too, so that loosening the scenario's own `expect` does not hide a loss.
+#[test]
+fn lateral_recovery_holds_its_bounds_for_seeds_0_to_9() {
+    let file = common::file("scenarios/lateral_recovery.yaml");
+    let seeds: Vec<u64> = (0..10).collect();
+    for_each(&seeds, |&seed| {
+        let finished = run(&file, Some(seed), ControllerKind::Tracker);
+        let metrics = serde_json::to_value(&finished.summary.metrics).expect("plain data");
+        let metric =
+            |name: &str| metrics[name].as_f64().unwrap_or_else(|| panic!("seed {seed}: {name} has no value"));
+        let failed = finished.failed();
+        assert!(finished.passed(), "seed {seed}: {}", failed.join(", "));
+        assert!(metric("losses") >= 1.0, "seed {seed}");
+        assert!(metric("recoveries") >= 1.0, "seed {seed}");
+        assert!(metric("coverage") >= 0.9, "seed {seed}: coverage {}", metric("coverage"));
+        assert!(metric("false_recoveries") == 0.0, "seed {seed}");
+        assert!(metric("silent_loss_s") <= 0.5, "seed {seed}: silent {}", metric("silent_loss_s"));
+        assert!(metric("tip_rmse_mm") <= 0.5, "seed {seed}: rmse {}", metric("tip_rmse_mm"));
+        assert!(metric("travel_after_loss_mm") <= 3.0, "seed {seed}: {}", metric("travel_after_loss_mm"));
+        assert_eq!(metrics["success"], true, "seed {seed}");
+    });
+}
+
+/// A scenario that a tracker passes without looking at the picture tests nothing.
+#[test]
+fn the_null_trackers_fail_every_scenario() {
+    let cases: Vec<_> = common::scenarios()
+        .into_iter()
+        .flat_map(|file| Null::ALL.into_iter().map(move |(name, null)| (file.clone(), name, null)))
+        .collect();
+    for_each(&cases, |(file, name, null)| {
+        for seed in 0..3 {
+            let finished = run(file, Some(seed), ControllerKind::Null(*null));
+            assert!(!finished.passed(), "{name} passes {} with seed {seed}", file.display());
+        }
+    });
+}
