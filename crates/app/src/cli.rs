@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::track_recorded::TrackRecorded;
+
 /// Simulation in the loop for robotic ultrasound needle guidance.
 #[derive(Debug, Parser)]
 #[command(name = "sonoloop", version, about, arg_required_else_help = true, after_help = EXAMPLES)]
@@ -140,6 +142,9 @@ pub struct TrackArgs {
     /// With --domain: answer as one of the trackers that do not look
     #[arg(long, value_name = "NAME", requires = "domain")]
     pub null: Option<String>,
+    /// The tracker alone.
+    #[command(flatten)]
+    pub recorded: Option<TrackRecorded>,
 }
 
 /// Arguments of `render`.

@@ -19,7 +19,9 @@ pub mod progress;
 pub mod record;
 pub mod remote;
 pub mod scenarios;
+pub mod sequence;
 pub mod session;
+pub mod track_recorded;
 
 /// Parses the command line, does what it asks, and turns the outcome into the exit code.
 pub fn main() -> ExitCode {

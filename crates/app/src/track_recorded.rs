@@ -138,9 +138,8 @@ pub struct TrackedImage {
 pub fn run(args: &TrackRecorded) -> Result<(), AppError> {
     let rows = track(args)?;
     if let Some(folder) = &args.out {
-        write_table(folder, &rows).map_err(|error| {
-            AppError::Fault(format!("error: {}: {error}", folder.join(TABLE).display()))
-        })?;
+        write_table(folder, &rows)
+            .map_err(|error| AppError::Fault(format!("error: {}: {error}", folder.join(TABLE).display())))?;
     }
     print!("{}", summary(&rows));
     Ok(())
@@ -258,10 +257,12 @@ mod tests {
         let tip = [40.0 + 2.0 * f64::from(k), 50.0 + f64::from(k)];
         let level = |u: u32, v: u32| {
             let (x, y) = (f64::from(u) - tip[0], f64::from(v) - tip[1]);
-            (40.0 + 15.0 * (f64::from(u) * 0.3).sin() * (f64::from(v) * 0.37).cos()
+            (40.0
+                + 15.0 * (f64::from(u) * 0.3).sin() * (f64::from(v) * 0.37).cos()
                 + 170.0 * (-(x * x) / 24.0 - y * y / 12.0).exp()) as u8
         };
-        Image::from_pixels(160, 120, (0..120).flat_map(|v| (0..160).map(move |u| level(u, v))).collect()).unwrap()
+        Image::from_pixels(160, 120, (0..120).flat_map(|v| (0..160).map(move |u| level(u, v))).collect())
+            .unwrap()
     }
 
     fn sequence(folder: &Path) -> PathBuf {
@@ -279,14 +280,26 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("deep/out");
         let path = sequence(folder.path());
-        for (profile, similarity, order) in [("robust", "scv", "2"), ("robust", "ssd", "1"), ("paper", "ssd", "2")] {
+        for (profile, similarity, order) in
+            [("robust", "scv", "2"), ("robust", "ssd", "1"), ("paper", "ssd", "2")]
+        {
             let args = args(
                 &path,
-                &["--init", "40,50", "--profile", profile, "--similarity", similarity, "--order", order, "--out"]
-                    .iter()
-                    .copied()
-                    .chain([out.to_str().unwrap()])
-                    .collect::<Vec<_>>(),
+                &[
+                    "--init",
+                    "40,50",
+                    "--profile",
+                    profile,
+                    "--similarity",
+                    similarity,
+                    "--order",
+                    order,
+                    "--out",
+                ]
+                .iter()
+                .copied()
+                .chain([out.to_str().unwrap()])
+                .collect::<Vec<_>>(),
             );
             run(&args).unwrap();
             let text = fs::read_to_string(out.join(TABLE)).unwrap();
@@ -354,8 +367,10 @@ mod tests {
         };
         let case = |case: &str| {
             let image = attribute(case, "ImageSeqFrameIndex")?.parse().ok()?;
-            let points: Vec<f64> =
-                attribute(case, "SegmentationPoints")?.split_whitespace().map(|n| n.parse().unwrap()).collect();
+            let points: Vec<f64> = attribute(case, "SegmentationPoints")?
+                .split_whitespace()
+                .map(|n| n.parse().unwrap())
+                .collect();
             (points.len() == 12).then_some((image, points))
         };
         text.split("<TestCase ").skip(1).filter_map(case).collect()

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
-use sonoloop_types::{Estimate, ServoSettings, TrackState};
+use sonoloop_types::ServoSettings;
 
 /// Time the plane stands still after a loss: the cause may pass by itself.
 const LOOK_S: f64 = 0.2;
@@ -97,15 +97,17 @@ pub struct Search {
 
 /// What the search is told with each picture.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct View {
     /// Time of the picture.
     pub time_s: f64,
     /// Time since the last picture.
     pub dt_s: f64,
     /// Measured offset of the plane from where the tip was lost.
     pub measured: Offset,
-    /// The tracker's answer.
-    pub estimate: &'a Estimate,
+    /// A candidate for the tip was seen, near enough to the last believed place.
+    pub candidate: bool,
+    /// Its grey level.
+    pub level: Option<f64>,
     /// False while the contact force says that the probe is off the surface.
     pub in_contact: bool,
 }
@@ -134,7 +136,7 @@ impl Search {
     }
 
     /// Takes one picture's answer and sets [`Self::commanded`].
-    pub fn advance(&mut self, settings: &ServoSettings, view: &View<'_>) {
+    pub fn advance(&mut self, settings: &ServoSettings, view: &View) {
         if let Some(last) = self.last {
             self.travel_m += (view.measured.elevation_m - last.elevation_m).abs();
         }
@@ -150,7 +152,7 @@ impl Search {
         }
         let spent = view.time_s - self.began_s > settings.max_search_s
             || self.travel_m > settings.max_search_travel_m;
-        let candidate = view.estimate.state == TrackState::Recovering;
+        let candidate = view.candidate;
         match self.phase {
             Phase::NotFound => {}
             Phase::Look => {
@@ -164,11 +166,11 @@ impl Search {
         }
     }
 
-    fn sweep(&mut self, settings: &ServoSettings, view: &View<'_>, candidate: bool) {
+    fn sweep(&mut self, settings: &ServoSettings, view: &View, candidate: bool) {
         let at = view.measured.along(self.axis);
         if candidate {
             self.gap_images = 0;
-            self.crest.push(Sample { at, level: view.estimate.tip_level.unwrap_or(0.0) });
+            self.crest.push(Sample { at, level: view.level.unwrap_or(0.0) });
         } else if !self.crest.is_empty() {
             self.gap_images += 1;
         }
@@ -196,7 +198,7 @@ impl Search {
     fn wait_at_crest(
         &mut self,
         settings: &ServoSettings,
-        view: &View<'_>,
+        view: &View,
         candidate: bool,
         at: f64,
         arrived_s: Option<f64>,
@@ -272,7 +274,6 @@ fn crest_at(samples: &[Sample]) -> f64 {
 mod tests {
     use super::*;
     use crate::servo::tests::settings;
-    use sonoloop_types::{Estimate, Reason};
 
     /// Runs a search over a tip that is seen within `half_width_m` of `tip_m`; the plane follows its command.
     fn run(tip_m: f64, half_width_m: f64, first_side: f64) -> (Search, f64, f64) {
@@ -292,7 +293,8 @@ mod tests {
                 time_s,
                 dt_s: 0.04,
                 measured: search.commanded,
-                estimate: &estimate,
+                candidate: false,
+                level: None,
                 in_contact: true,
             };
             search.advance(&settings, &view);
@@ -334,13 +336,13 @@ mod tests {
     fn without_contact_the_plane_stands_still() {
         let settings = settings();
         let mut search = Search::new(0.0, 1.0, false);
-        let estimate = Estimate::bare(TrackState::Lost, Reason::NoCandidate, None);
         for k in 1..200 {
             let view = View {
                 time_s: 0.04 * f64::from(k),
                 dt_s: 0.04,
                 measured: search.commanded,
-                estimate: &estimate,
+                candidate: false,
+                level: None,
                 in_contact: false,
             };
             search.advance(&settings, &view);

@@ -1,5 +1,5 @@
 use serde::{Deserialize, Serialize};
-use sonoloop_types::{Acquisition, Command, Estimate, Pose, Setup, TrackState, Vector, View};
+use sonoloop_types::{Acquisition, Command, Estimate, Point, Pose, Reason, Setup, TrackState, Vector, View};
 
 use crate::search::{self, Offset, Search};
 use crate::{feed, follow, hold::Hold, predict};
@@ -12,6 +12,10 @@ const LAG_LIMIT_M: f64 = 2e-3;
 const CONTACT_SHARE: f64 = 0.2;
 /// Below this the force at the start is noise (a liquid bears no probe), and contact cannot be judged by it.
 const LEAST_CONTACT_N: f64 = 0.2;
+
+/// A candidate farther than this from the last believed tip, in the picture, does not steer the sweep: a slip of the
+/// probe moves the picture by millimetres.
+const CANDIDATE_REACH_M: f64 = 6e-3;
 
 /// What the servo is doing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -130,30 +134,49 @@ impl Servo {
         if first {
             self.state.first_force_n = acquisition.contact_force_n;
         }
-        let held = *self.state.held.get_or_insert(acquisition.base_from_probe);
+        self.state.held.get_or_insert(acquisition.base_from_probe);
         let dt_s = self.setup.image_period_ticks as f64 / f64::from(self.setup.tick_rate_hz);
         let time_s = acquisition.acquisition_tick as f64 / f64::from(self.setup.tick_rate_hz);
 
-        self.change_mode(time_s, held, estimate);
+        self.change_mode(time_s, estimate);
+        // Only now: a search that has just succeeded moves it.
+        let held = self.state.held.unwrap_or(acquisition.base_from_probe);
+        let lost_tip = self.lost_tip_in_probe();
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
             Mode::Search(search) => {
-                let tip_x_m = self.state.last.map_or(0.0, |l| self.setup.geometry.probe_from_px(l.tip_px).x);
                 let in_contact = self.state.first_force_n < LEAST_CONTACT_N
                     || acquisition.contact_force_n > CONTACT_SHARE * self.state.first_force_n;
-                let measured = offset_from(&held, &acquisition.base_from_probe, tip_x_m);
+                let measured = offset_from(&held, &acquisition.base_from_probe, &lost_tip);
+                let candidate = estimate.state == TrackState::Recovering
+                    && estimate.tip_px.is_some_and(|px| {
+                        (self.setup.geometry.probe_from_px(px) - lost_tip).norm() < CANDIDATE_REACH_M
+                    });
                 search.advance(
                     &self.setup.servo,
-                    &search::View { time_s, dt_s, measured, estimate, in_contact },
+                    &search::View {
+                        time_s,
+                        dt_s,
+                        measured,
+                        candidate,
+                        level: estimate.tip_level,
+                        in_contact,
+                    },
                 );
-                (Some(displaced(&held, search.commanded, tip_x_m)), 0.0)
+                (Some(displaced(&held, search.commanded, &lost_tip)), 0.0)
             }
             Mode::Follow if estimate.state == TrackState::Tracking => {
                 self.follow(acquisition, estimate, held, time_s, dt_s)
             }
             Mode::Follow => (Some(held), 0.0),
         };
-        if let Some(tip_px) = estimate.tip_px {
+        if let Some(mut tip_px) = estimate.tip_px {
+            // A candidate is not the tip yet: until it is confirmed the last believed place counts.
+            if estimate.state == TrackState::Recovering
+                && let Some(last) = self.state.last
+            {
+                tip_px = last.tip_px;
+            }
             self.state.last = Some(Last {
                 acquisition_tick: acquisition.acquisition_tick,
                 base_from_probe: acquisition.base_from_probe,
@@ -170,17 +193,23 @@ impl Servo {
         }
     }
 
-    fn change_mode(&mut self, time_s: f64, held: Pose, estimate: &Estimate) {
+    /// The last believed tip, probe frame.
+    fn lost_tip_in_probe(&self) -> Point {
+        let px = self.state.last.map_or(self.setup.click_px, |last| last.tip_px);
+        self.setup.geometry.probe_from_px(px)
+    }
+
+    fn change_mode(&mut self, time_s: f64, estimate: &Estimate) {
         let gone = matches!(estimate.state, TrackState::Lost | TrackState::Recovering);
         match &self.state.mode {
             Mode::Follow if gone => {
-                let after_restart = estimate.reason == sonoloop_types::Reason::Restarted;
+                let after_restart = estimate.reason == Reason::Restarted;
                 self.state.mode = Mode::Search(Search::new(time_s, self.state.first_side, after_restart));
                 self.state.hold.reset();
             }
             Mode::Search(search) if estimate.state == TrackState::Tracking => {
-                let tip_x_m = self.state.last.map_or(0.0, |l| self.setup.geometry.probe_from_px(l.tip_px).x);
-                self.state.held = Some(displaced(&held, search.commanded, tip_x_m));
+                let tip = self.lost_tip_in_probe();
+                self.state.held = self.state.held.map(|held| displaced(&held, search.commanded, &tip));
                 if search.commanded.elevation_m != 0.0 {
                     self.state.first_side = search.commanded.elevation_m.signum();
                 }
@@ -215,7 +244,7 @@ impl Servo {
         };
 
         let measured_m =
-            offset_from(&held, &acquisition.base_from_probe, tip_in_probe.x).elevation_m - advance_m;
+            offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m - advance_m;
         if let Some(level) = estimate.tip_level {
             let window_s = 2.0 * settings.dither_period_s;
             self.state.hold.push(time_s, self.state.corrected_m + measured_m, level, window_s);
@@ -240,7 +269,7 @@ impl Servo {
         self.state.held = Some(held);
         let phase = std::f64::consts::TAU * time_s / settings.dither_period_s;
         let elevation_m = self.state.lag_m + settings.dither_m * libm::sin(phase);
-        let target = displaced(&held, Offset { elevation_m, yaw_rad: 0.0 }, 0.0);
+        let target = displaced(&held, Offset { elevation_m, yaw_rad: 0.0 }, &tip_in_probe);
 
         let tip_in_base = acquisition.base_from_probe * tip_in_probe;
         let remaining_m = feed::remaining_m(&self.setup, &tip_in_base);
@@ -265,18 +294,19 @@ impl Servo {
     }
 }
 
-/// The held pose displaced by a search: elevation along y, yaw about z through the point (tip_x, 0, ·).
-fn displaced(held: &Pose, offset: Offset, tip_x_m: f64) -> Pose {
-    let about_tip = Pose::translation(tip_x_m, 0.0, 0.0)
+/// The held pose displaced by a search: elevation along y, yaw about the line along z through the tip.
+fn displaced(held: &Pose, offset: Offset, tip_in_probe: &Point) -> Pose {
+    let about_tip = Pose::translation(tip_in_probe.x, 0.0, 0.0)
         * Pose::rotation(Vector::z() * offset.yaw_rad)
-        * Pose::translation(-tip_x_m, 0.0, 0.0);
+        * Pose::translation(-tip_in_probe.x, 0.0, 0.0);
     held * Pose::translation(0.0, offset.elevation_m, 0.0) * about_tip
 }
 
-/// Inverse of [`displaced`] for a measured pose: its elevation at the tip and its yaw, relative to the held pose.
-fn offset_from(held: &Pose, measured: &Pose, tip_x_m: f64) -> Offset {
+/// Inverse of [`displaced`] for a measured pose: its elevation at the tip (a tilted plane counts at the tip's depth)
+/// and its yaw, relative to the held pose.
+fn offset_from(held: &Pose, measured: &Pose, tip_in_probe: &Point) -> Offset {
     let held_from_measured = held.inverse() * measured;
-    let tip = held_from_measured * sonoloop_types::Point::new(tip_x_m, 0.0, 0.0);
+    let tip = held_from_measured * tip_in_probe;
     let x_axis = held_from_measured * Vector::x();
     Offset { elevation_m: tip.y, yaw_rad: libm::atan2(x_axis.y, x_axis.x) }
 }
@@ -284,9 +314,7 @@ fn offset_from(held: &Pose, measured: &Pose, tip_x_m: f64) -> Offset {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use sonoloop_types::{
-        ArmStatus, ImageGeometry, Limits, Point, Profile, Reason, ServoSettings, TrackerSettings,
-    };
+    use sonoloop_types::{ArmStatus, ImageGeometry, Limits, Profile, ServoSettings, TrackerSettings};
 
     pub(crate) fn settings() -> ServoSettings {
         ServoSettings {
@@ -386,16 +414,38 @@ pub(crate) mod tests {
     fn truth_displacement_and_offset_are_inverse() {
         let held = Pose::new(Vector::new(0.1, -0.2, 0.3), Vector::new(0.2, 2.9, -0.1));
         let offset = Offset { elevation_m: 3e-3, yaw_rad: -0.1 };
-        let back = offset_from(&held, &displaced(&held, offset, 4e-3), 4e-3);
+        let tip = Point::new(4e-3, 0.0, 25e-3);
+        let back = offset_from(&held, &displaced(&held, offset, &tip), &tip);
         assert!((back.elevation_m - 3e-3).abs() < 1e-12 && (back.yaw_rad + 0.1).abs() < 1e-12);
     }
 
     #[test]
     fn yaw_leaves_the_tip_where_it_is() {
         let held = Pose::identity();
-        let turned = displaced(&held, Offset { elevation_m: 0.0, yaw_rad: 0.2 }, 5e-3);
+        let turned =
+            displaced(&held, Offset { elevation_m: 0.0, yaw_rad: 0.2 }, &Point::new(5e-3, 0.0, 0.02));
         let tip = turned * Point::new(5e-3, 0.0, 0.02);
         assert!((tip - Point::new(5e-3, 0.0, 0.02)).norm() < 1e-15);
+    }
+
+    #[test]
+    fn after_a_recovery_the_plane_stays_where_the_tip_was_found() {
+        let mut setup = setup(View::Lateral);
+        setup.servo.dither_m = 0.0;
+        let mut servo = Servo::new(setup);
+        servo.answer(&acquisition(0), &estimate(TrackState::Tracking));
+        let mut at = Pose::identity();
+        for k in 1..20 {
+            let seen = Acquisition { base_from_probe: at, ..acquisition(k) };
+            at = servo.answer(&seen, &estimate(TrackState::Lost)).target_base_from_probe.unwrap();
+        }
+        assert!(at.translation.y > 1e-3, "the sweep is on its way");
+        let found = Acquisition { base_from_probe: at, ..acquisition(20) };
+        for _ in 0..3 {
+            let command = servo.answer(&found, &estimate(TrackState::Tracking));
+            let stays = command.target_base_from_probe.unwrap();
+            assert!((stays.translation.vector - at.translation.vector).norm() < 1e-9);
+        }
     }
 
     #[test]

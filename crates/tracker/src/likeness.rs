@@ -79,6 +79,17 @@ impl Moments {
         Some((mean_square.max(0.0) / self.var_b).sqrt() / gain)
     }
 
+    /// How much of b's rise over its surroundings (`ground`) the first patch has: 1 = all, 0 = none; `None` when b
+    /// does not rise.
+    ///
+    /// The least-squares factor g in a − Δ − ground ≈ g·(b − ground). Speckle that happens to have the template's
+    /// shape has little of its height.
+    pub fn presence(&self, change: f64, ground: f64) -> Option<f64> {
+        let (rise_a, rise_b) = (self.mean_a - change - ground, self.mean_b - ground);
+        let energy = self.var_b + rise_b * rise_b;
+        (energy > FLAT).then(|| (self.cov + rise_a * rise_b) / energy)
+    }
+
     /// Whether the second patch is too flat to be looked for.
     pub fn b_is_flat(&self) -> bool {
         self.var_b <= FLAT
@@ -144,6 +155,13 @@ mod tests {
         // rms of (0.3 − 1)(b − mean) over the contrast of b is 0.7.
         assert!((moments(&faded, &b, 3.0).brightness_ratio(0.0, 60.0).unwrap() - 0.7).abs() < 1e-3);
         assert!((moments(&faded, &b, 3.0).ncc().unwrap() - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn truth_presence_is_the_share_of_the_rise_that_is_left() {
+        let b = texture(5);
+        let faded: Vec<f32> = b.iter().map(|g| 60.0 + 0.4 * (g - 60.0) + 7.0).collect();
+        assert!((moments(&faded, &b, 3.0).presence(7.0, 60.0).unwrap() - 0.4).abs() < 1e-4);
     }
 
     #[test]

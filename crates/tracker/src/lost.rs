@@ -16,6 +16,9 @@ const NEAR_GROWTH_PX: f64 = 3.0;
 const REFINE_PX: i32 = 2;
 /// An optimiser that leaves the peak it began at found something else.
 const MAX_MOVE_PX: f64 = 3.0;
+/// A candidate needs more of the tip's rise than a tracked tip may fall to: hysteresis, and speckle in a bright
+/// inclusion reaches one half.
+const RECOVERY_PRESENCE: f64 = 0.65;
 /// The needle stands still while it is sought, so of two places alike the nearer one is likelier: what a pixel of
 /// distance from the expected place costs in NCC.
 const NCC_PER_PX: f64 = 0.002;
@@ -176,7 +179,8 @@ impl Tracker {
         let Ok(inside) = self.registrar.sample(&self.region, at_px) else { return Some(rejected) };
         let view = self.view(inside, sought.median);
         let alike = view.ncc_anchor.is_some_and(|ncc| ncc >= self.settings.recovery_ncc);
-        let bright = self.settings.loss_brightness_ratio.is_none_or(|limit| !view.too_bright_or_dim(limit));
+        let bright =
+            self.settings.loss_brightness_ratio.is_none_or(|limit| !view.is_faded(limit, RECOVERY_PRESENCE));
         let is_tip = sought.axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
         let accepted = alike && bright && is_tip && distance(start_px, at_px) < MAX_MOVE_PX;
         let scored = sought.scored(at_px, view, Some(end.conditioning), accepted);

@@ -13,6 +13,11 @@ use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
 /// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
 /// that may still be settling, and the paper's recovery threshold lies below its loss threshold.
 const HOLD_PREVIOUS_TEST: u32 = 2;
+/// Share of the first template's rise over the speckle below which the tip is gone. With a tip some 28 dB over the
+/// speckle on a logarithmic display, one half is left at −14 dB: 1.8 σ of the elevational beam off the plane.
+const LOSS_PRESENCE: f64 = 0.5;
+/// Share of the rise at which the tip is there whatever its surroundings look like.
+const PLAIN_PRESENCE: f64 = 0.75;
 /// A measured motion beyond this is not one of an ultrasound picture.
 const MAX_MOTION_PX: f64 = 1e4;
 
@@ -89,6 +94,7 @@ pub(crate) struct View {
     pub ncc_previous: Option<f64>,
     pub ncc_anchor: Option<f64>,
     pub brightness_ratio: Option<f64>,
+    pub presence: Option<f64>,
     pub level: f64,
 }
 
@@ -245,10 +251,9 @@ impl Tracker {
             return Estimate { conditioning: Some(found.conditioning), ..estimate };
         }
         let kept = self.settings.velocity_memory;
-        for axis in 0..2 {
-            let moved = at[axis] - self.belief.tip_px[axis];
-            self.belief.velocity_px[axis] = kept * self.belief.velocity_px[axis] + (1.0 - kept) * moved;
-        }
+        let moved = add(at, self.belief.tip_px.map(|c| -c));
+        self.belief.velocity_px =
+            add(self.belief.velocity_px.map(|v| kept * v), moved.map(|d| (1.0 - kept) * d));
         self.belief.tip_px = at;
         self.belief.hold_previous = self.belief.hold_previous.saturating_sub(1);
         if update {
@@ -261,7 +266,8 @@ impl Tracker {
     /// The first test that fails. A correlation that cannot be computed (a flat patch) counts as failed.
     fn loss(&self, view: &View) -> Option<Reason> {
         let below = |ncc: Option<f64>, threshold: f64| ncc.is_none_or(|ncc| ncc < threshold);
-        let dim = self.settings.loss_brightness_ratio.is_some_and(|limit| view.too_bright_or_dim(limit));
+        let dim =
+            self.settings.loss_brightness_ratio.is_some_and(|limit| view.is_faded(limit, LOSS_PRESENCE));
         if self.belief.hold_previous == 0 && below(view.ncc_previous, self.settings.loss_ncc_previous) {
             Some(Reason::NccPrevious)
         } else if below(view.ncc_anchor, self.settings.loss_ncc_anchor) {
@@ -330,6 +336,7 @@ impl Tracker {
             ncc_previous: moments(&self.previous).and_then(|m| m.ncc()),
             ncc_anchor: anchor.and_then(|m| m.ncc()),
             brightness_ratio: anchor.and_then(|m| m.brightness_ratio(change, ground(&m))),
+            presence: anchor.and_then(|m| m.presence(change, ground(&m))),
             level: anchor.map_or(0.0, |m| m.mean_a),
         }
     }
@@ -387,9 +394,13 @@ impl Tracker {
 }
 
 impl View {
-    /// Whether the brightness test with this limit fails.
-    pub fn too_bright_or_dim(&self, limit: f64) -> bool {
-        self.brightness_ratio.is_none_or(|ratio| ratio > limit)
+    /// Whether the brightness test fails: too little of T_1's rise over its surroundings is left, or the patch differs
+    /// too much from T_1 and does not plainly stand out either. (A tip that passes through a brighter or darker
+    /// inclusion differs from T_1 all around and is there none the less.)
+    pub fn is_faded(&self, ratio_limit: f64, least_presence: f64) -> bool {
+        let presence = self.presence.unwrap_or(0.0);
+        let differs = self.brightness_ratio.is_none_or(|ratio| ratio > ratio_limit);
+        presence < least_presence || (differs && presence < PLAIN_PRESENCE)
     }
 }
 

@@ -31,9 +31,6 @@ fn follow(seed: u64, images: u32, gain: impl Fn(u32) -> f32, settings: &[Tracker
             let estimate = tracker.track(&image, &Context::default());
             outcome.errors_px.push(distance(estimate.tip_px.expect("a tip"), tip));
             outcome.iterations += estimate.iterations;
-            if estimate.state != TrackState::Tracking {
-                println!("{k} {estimate:?}");
-            }
             outcome.all_tracking &= estimate.state == TrackState::Tracking;
         }
     }

@@ -128,8 +128,10 @@ fn the_same_images_give_the_same_answers() {
         (1..30)
             .map(|k| {
                 let tip = [start[0] + f64::from(k) * step[0], start[1] + f64::from(k) * step[1]];
-                tracker
-                    .track(&scene.image(tip, if k < 10 || k > 15 { 1.0 } else { 0.0 }), &Context::default())
+                tracker.track(
+                    &scene.image(tip, if (10..=15).contains(&k) { 0.0 } else { 1.0 }),
+                    &Context::default(),
+                )
             })
             .collect::<Vec<_>>()
     };

@@ -27,7 +27,9 @@ const ROUGH_MEAN_COS4: f64 = 0.1853;
 /// Points of the roughness around the shaft, and their distance along it in steps of the coherent line.
 const SECTORS: usize = 8;
 const ROUGH_STEPS: u64 = 2;
-/// Coherent stretches weaker than this over unit speckle are not summed (they cancel).
+/// A coherent stretch that would sum to less than this share of the roughness is left out.
+const COHERENT_SHARE: f64 = 0.1;
+/// Nor is one drawn that stays below this over unit speckle.
 const COHERENT_FLOOR: f64 = 0.02;
 /// The coherent line fades in over this length at the entry.
 const ENTRY_FADE_M: f64 = 1e-3;
@@ -38,7 +40,7 @@ const FACET_LENGTH_M: f64 = 0.4e-3;
 /// Bounces in the wedge of the tip, their spacing (half a wavelength of 7.5 MHz in tissue) and gain. [assumed]
 const TIP_BOUNCES: usize = 4;
 const TIP_BOUNCE_M: f64 = 0.1e-3;
-const TIP_BOUNCE_GAIN: f64 = 0.6;
+const TIP_BOUNCE_GAIN: f64 = 0.42;
 /// Share of the tip's echo that depends on the facet facing the probe. [assumed]
 const FACET_SHARE: f64 = 0.3;
 /// Longest path that is drawn.
@@ -197,14 +199,17 @@ impl NeedleEchoes {
         let q = (a.x / sigma_l_m).powi(2) + (a.y / sigma_e_m).powi(2) + (a.z / beam.sigma_axial_m).powi(2);
         let turn = beam.two_k_rad_m * a.z;
         let specular = piece.gain * amplitude_from_db(self.spec.specular_level_db);
-        let coherent = specular * libm::exp(-0.5 * turn * turn / q) > COHERENT_FLOOR;
+        let rough = piece.gain * amplitude_from_db(self.spec.rough_level_db);
+        let sum = specular * libm::exp(-0.5 * turn * turn / q);
+        let floor = (COHERENT_SHARE * rough).max(COHERENT_FLOOR);
+        let coherent_echoes = (0..=COHERENT_REVERBERATIONS)
+            .take_while(|&bounce| sum * REVERBERATION_GAIN.powi(bounce as i32) > floor)
+            .count();
         // Stated at normal incidence: the line's sum over the lateral beam, √(2π)·σ_l, is the level.
         let coherent_step = specular * self.step_m / (core::f64::consts::TAU.sqrt() * beam.sigma_lateral_m);
         // Power of independent points on a line: v/ds·√(π/q); so that the rms is the stated level.
         let per_point_m = self.step_m * ROUGH_STEPS as f64 / SECTORS as f64;
-        let rough_step = piece.gain
-            * amplitude_from_db(self.spec.rough_level_db)
-            * (per_point_m / ROUGH_MEAN_COS4 * (q / core::f64::consts::PI).sqrt()).sqrt();
+        let rough_step = rough * (per_point_m / ROUGH_MEAN_COS4 * (q / core::f64::consts::PI).sqrt()).sqrt();
         let bevel_m = 2.0 * radius_m / libm::tan(self.spec.bevel_rad.clamp(0.1, 1.5));
 
         let first = (piece.behind_tip_m / self.step_m - 0.5).ceil().max(0.0) as u64;
@@ -216,11 +221,11 @@ impl NeedleEchoes {
             let centre = piece.end - a * (s_m - piece.behind_tip_m);
             let ground = (s_m / bevel_m).min(1.0);
             let wall_m = radius_m * ground;
-            if coherent {
+            if coherent_echoes > 0 {
                 let entry = ((piece.total_m - s_m) / ENTRY_FADE_M).min(1.0);
                 let fade = smooth(ground) * smooth(entry);
                 let amplitude = [coherent_step * fade, 0.0];
-                self.add_with_tail(sink, centre + up * wall_m, amplitude, COHERENT_REVERBERATIONS);
+                self.add_with_tail(sink, centre + up * wall_m, amplitude, coherent_echoes);
             }
             if i % ROUGH_STEPS != 0 {
                 continue;
@@ -232,19 +237,19 @@ impl NeedleEchoes {
                     let [re, im] = self.noise(tape, i * SECTORS as u64 + sector as u64);
                     let level = rough_step * facing * facing;
                     let amplitude = [level * f64::from(re), level * f64::from(im)];
-                    self.add_with_tail(sink, centre + normal * wall_m, amplitude, ROUGH_REVERBERATIONS);
+                    self.add_with_tail(sink, centre + normal * wall_m, amplitude, 1 + ROUGH_REVERBERATIONS);
                 }
             }
         }
     }
 
-    /// A point of the wall and its reverberations inside the steel, thickness·c/c_steel apart.
-    fn add_with_tail(&self, sink: &mut Sink, at: Vector, [re, im]: [f64; 2], reverberations: usize) {
+    /// `echoes` from a point of the wall: itself, then reverberations inside the steel, thickness·c/c_steel apart.
+    fn add_with_tail(&self, sink: &mut Sink, at: Vector, [re, im]: [f64; 2], echoes: usize) {
         let beam = sink.beam;
         let tissue_m_s = beam.wavelength_m() * beam.centre_frequency_hz();
         let spacing_m = self.spec.outer_diameter_m * tissue_m_s / STEEL_SOUND_SPEED_M_S;
         let mut gain = 1.0;
-        for bounce in 0..=reverberations {
+        for bounce in 0..echoes {
             sink.add([at.x, at.y, at.z + bounce as f64 * spacing_m], [gain * re, gain * im]);
             gain *= REVERBERATION_GAIN;
         }

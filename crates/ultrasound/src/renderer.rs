@@ -181,7 +181,6 @@ impl Renderer {
         let layout = Layout { columns: padded, first_x_m, spacing_m };
         let map = self.fill_grid(slice, &layout);
 
-        let t0 = std::time::Instant::now();
         let tasks = self.frame.rows().div_ceil(TASK_ROWS);
         self.scratch.resize_with(tasks, AxialScratch::default);
         let (beam, lateral, grid, stamps) = (&self.beam, &self.lateral, &self.grid, &self.stamps);
@@ -204,7 +203,6 @@ impl Renderer {
                     finish(&this, first_row + i, field, grey);
                 }
             });
-        eprintln!("T display {}", t0.elapsed().as_secs_f64() * 1e3);
     }
 
     /// Fills the working grid, the stamps and the losses; `None` when the pose shows no tissue.
@@ -226,23 +224,17 @@ impl Renderer {
         let (beam, lattice) = (&*beam, &*lattice);
         let plane =
             Plane { phantom_from_probe: &slice.phantom_from_probe, columns, rows, first_x_m, spacing_m };
-        let t0 = std::time::Instant::now();
         rayon::join(
             || {
                 if let Some(shear) = &shear {
                     elevation.build(beam, shear, lattice.amplitude());
-                    eprintln!("T elev {}", t0.elapsed().as_secs_f64() * 1e3);
                 }
             },
             || {
                 if let Some(shear) = &shear {
-                    let t0 = std::time::Instant::now();
                     tape.bake(beam, shear.row_step_m, shear.lateral_slope, shear.rows);
-                    eprintln!("T bake {}", t0.elapsed().as_secs_f64() * 1e3);
                 }
-                let t0 = std::time::Instant::now();
                 gain.build(beam, probe, lattice, tissue, &plane, &slice.element_gap_m);
-                eprintln!("T gain {}", t0.elapsed().as_secs_f64() * 1e3);
             },
         );
         let Self { jobs, needle, stamps, .. } = self;
@@ -251,22 +243,16 @@ impl Renderer {
             || {
                 if let Some(shear) = &shear {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
-                    let t0 = std::time::Instant::now();
                     jobs.build(shear, lattice, elevation, tissue, tape, phase_per_row_rad);
-                    eprintln!("T jobs {}", t0.elapsed().as_secs_f64() * 1e3);
                 }
             },
             || {
-                let t0 = std::time::Instant::now();
                 needle.build(beam, tape, slice);
                 stamp::prepare(beam, &needle.echoes, layout, rows, stamps);
-                eprintln!("T needle {}", t0.elapsed().as_secs_f64() * 1e3);
             },
         );
         let shear = shear?;
-        let t0 = std::time::Instant::now();
         self.grid.fill(&shear, &self.jobs, &self.tape, &self.elevation);
-        eprintln!("T fill {}", t0.elapsed().as_secs_f64() * 1e3);
         let map = LineMap {
             at_row_0: (first_x_m - shear.first_line_m) / spacing_m,
             per_row: -shear.lateral_slope * shear.row_step_m / spacing_m,

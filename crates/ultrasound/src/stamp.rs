@@ -6,6 +6,7 @@
 
 use crate::{
     beam::{Beam, exp_minus},
+    jobs::floor,
     needle::Echo,
 };
 
@@ -48,8 +49,8 @@ pub fn prepare(beam: &Beam, echoes: &[Echo], layout: &Layout, rows: usize, stamp
     let pixels = |v_m: f64| v_m / layout.spacing_m;
     let sigma_z = pixels(beam.sigma_axial_m);
     let range = |centre: f64, reach: f64, end: usize| {
-        let low = (centre - reach).ceil().clamp(0.0, end as f64);
-        [low as u32, (centre + reach + 1.0).floor().clamp(low, end as f64) as u32]
+        let low = -floor(-(centre - reach).clamp(0.0, end as f64));
+        [low as u32, floor((centre + reach + 1.0).clamp(low as f64, end as f64)) as u32]
     };
     for echo in echoes {
         let over_floor = (echo.re * echo.re + echo.im * echo.im) / (FLOOR * FLOOR);

@@ -106,8 +106,18 @@ impl Motion {
         if self.plan() {
             return true;
         }
-        self.stop();
-        false
+        // On the edge between two kinds of profile the planner (3.0.1) finds neither: with 20 rad/s² and
+        // 400 rad/s³ a way of exactly 2a³/j² = 0.1 rad. A slightly gentler jerk is off the edge.
+        let max_jerk = self.input.max_jerk.clone();
+        for jerk in self.input.max_jerk.iter_mut() {
+            *jerk *= 0.99;
+        }
+        let planned = self.plan();
+        self.input.max_jerk = max_jerk;
+        if !planned {
+            self.stop();
+        }
+        planned
     }
 
     /// Brings the joints to rest.
@@ -353,6 +363,7 @@ mod tests {
 
     #[test]
     fn comes_to_rest_exactly_at_its_target() {
+        // 0.1 rad is just where the planner alone finds no plan.
         let (_, mut motion) = motion();
         let target = fixture::kuka().home_rad.map(|q| q + 0.1);
         assert!(motion.retarget(&target, &[0.0; 6]));

@@ -68,15 +68,8 @@ pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
     };
     let mut image = Image::black(probe.geometry.width_px, probe.geometry.height_px);
     Renderer::new(probe, needle_spec, sonoloop_world::tissue(&phantom), args.seed).render(&slice, &mut image);
-    image::save_buffer_with_format(
-        &args.out,
-        &image.pixels,
-        image.width_px,
-        image.height_px,
-        image::ExtendedColorType::L8,
-        image::ImageFormat::Png,
-    )
-    .map_err(|e| AppError::Fault(format!("{}: {e}", args.out.display())))?;
+    crate::output::write_png(&args.out, &image)
+        .map_err(|e| AppError::Fault(format!("{}: {e}", args.out.display())))?;
     println!("{}", args.out.display());
     Ok(Outcome::Pass)
 }

@@ -9,6 +9,7 @@ use crate::cli::TrackArgs;
 use crate::controller::{Controller, ControllerKind};
 use crate::error::{AppError, Outcome};
 use crate::null::Null;
+use crate::track_recorded;
 
 /// How long a tracker looks for its run's services.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
@@ -17,6 +18,10 @@ const WAIT: Duration = Duration::from_secs(1);
 
 /// Joins a run, or tracks a recording.
 pub fn track(args: TrackArgs) -> Result<Outcome, AppError> {
+    if let Some(recorded) = args.recorded {
+        track_recorded::run(&recorded)?;
+        return Ok(Outcome::Pass);
+    }
     let domain = match (&args.domain, &args.root) {
         (Some(name), Some(root)) => Domain::open(name, root),
         _ => Domain::from_environment(),

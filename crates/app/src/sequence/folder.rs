@@ -109,9 +109,11 @@ mod tests {
 
     #[test]
     fn names_are_ordered_as_people_count() {
-        let mut names = ["a10.png", "b1.png", "a2.png", "a02.png", "a.png", "a2b.png", "a99999999999999999999.png"];
+        let mut names =
+            ["a10.png", "b1.png", "a2.png", "a02.png", "a.png", "a2b.png", "a99999999999999999999.png"];
         names.sort_by(|a, b| natural(a, b));
-        let expected = ["a.png", "a02.png", "a2.png", "a2b.png", "a10.png", "a99999999999999999999.png", "b1.png"];
+        let expected =
+            ["a.png", "a02.png", "a2.png", "a2b.png", "a10.png", "a99999999999999999999.png", "b1.png"];
         assert_eq!(names, expected);
     }
 }

@@ -30,7 +30,8 @@ impl FieldValues {
 
     /// A 4 × 4 transform of one image, row by row, lengths in millimetres, such as `ProbeToBaseTransform`.
     pub fn transform(&self, image: usize, name: &str) -> Option<[f64; 16]> {
-        let numbers: Result<Vec<f64>, _> = self.text(image, name)?.split_whitespace().map(str::parse).collect();
+        let numbers: Result<Vec<f64>, _> =
+            self.text(image, name)?.split_whitespace().map(str::parse).collect();
         numbers.ok()?.try_into().ok()
     }
 }
@@ -60,7 +61,8 @@ impl Header {
             if bytes.is_empty() {
                 return Err(if line == 1 { SequenceProblem::Empty } else { SequenceProblem::HeaderEnd });
             }
-            let wrong = || if line == 1 { SequenceProblem::NotMeta } else { SequenceProblem::HeaderLine { line } };
+            let wrong =
+                || if line == 1 { SequenceProblem::NotMeta } else { SequenceProblem::HeaderLine { line } };
             let text = std::str::from_utf8(&bytes).map_err(|_| wrong())?;
             let (key, value) = text.split_once('=').ok_or_else(wrong)?;
             let (key, value) = (key.trim(), value.trim());
@@ -87,11 +89,20 @@ impl Header {
         let get = |key: &'static str| keys.get(key).map(String::as_str);
         let need = |key: &'static str| get(key).ok_or(SequenceProblem::Missing(key));
         let only = |key: &'static str, value: &str, wanted: &str, bound| {
-            if value.eq_ignore_ascii_case(wanted) { Ok(()) } else { Err(SequenceProblem::value(key, value, bound)) }
+            if value.eq_ignore_ascii_case(wanted) {
+                Ok(())
+            } else {
+                Err(SequenceProblem::value(key, value, bound))
+            }
         };
         only("ElementDataFile", need("ElementDataFile")?, "LOCAL", "LOCAL (data in the same file)")?;
         only("ElementType", need("ElementType")?, "MET_UCHAR", "MET_UCHAR (8-bit grey levels)")?;
-        only("ElementNumberOfChannels", get("ElementNumberOfChannels").unwrap_or("1"), "1", "1 (grey levels)")?;
+        only(
+            "ElementNumberOfChannels",
+            get("ElementNumberOfChannels").unwrap_or("1"),
+            "1",
+            "1 (grey levels)",
+        )?;
         only("BinaryData", get("BinaryData").unwrap_or("True"), "True", "True")?;
 
         let dimensions = need("NDims")?;
@@ -115,7 +126,8 @@ impl Header {
             return Err(SequenceProblem::value("DimSize", text, bound));
         }
         let key = "UltrasoundImageOrientation";
-        let orientation = get(key).map_or(Ok(Orientation::DEPTH_DOWN), |value| Orientation::parse(key, value))?;
+        let orientation =
+            get(key).map_or(Ok(Orientation::DEPTH_DOWN), |value| Orientation::parse(key, value))?;
         let compressed = match get("CompressedData").unwrap_or("False") {
             no if no.eq_ignore_ascii_case("False") => None,
             yes if yes.eq_ignore_ascii_case("True") => Some(compressed_bytes(get("CompressedDataSize"))?),

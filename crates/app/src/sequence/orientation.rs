@@ -28,7 +28,9 @@ impl Orientation {
             [a, b] | [a, b, 'A' | 'D'] if depth(a) && lateral(b) => {
                 Ok(Self { transposed: true, towards_transducer: a == 'N' })
             }
-            _ => Err(SequenceProblem::value(key, value, "one of MF, MN, UF, UN, FM, FU, NM, NU (and A or D)")),
+            _ => {
+                Err(SequenceProblem::value(key, value, "one of MF, MN, UF, UN, FM, FU, NM, NU (and A or D)"))
+            }
         }
     }
 
@@ -58,7 +60,9 @@ mod tests {
 
     fn turned(letters: &str) -> Image {
         // Stored: 1 2 3 / 4 5 6.
-        Orientation::parse("UltrasoundImageOrientation", letters).unwrap().turn([3, 2], vec![1, 2, 3, 4, 5, 6])
+        Orientation::parse("UltrasoundImageOrientation", letters)
+            .unwrap()
+            .turn([3, 2], vec![1, 2, 3, 4, 5, 6])
     }
 
     #[test]
@@ -79,7 +83,10 @@ mod tests {
     fn other_letters_are_refused() {
         for letters in ["", "M", "MM", "FN", "XX", "MFQ", "mf", "MFAA"] {
             let error = Orientation::parse("UltrasoundImageOrientation", letters).unwrap_err().to_string();
-            assert!(error.starts_with(&format!("UltrasoundImageOrientation = {letters} must be one of")), "{error}");
+            assert!(
+                error.starts_with(&format!("UltrasoundImageOrientation = {letters} must be one of")),
+                "{error}"
+            );
         }
     }
 }

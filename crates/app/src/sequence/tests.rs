@@ -76,7 +76,11 @@ fn bad_headers_name_key_and_value() {
         ("NDims = 3", "NDims = 7", "NDims = 7 must be"),
         ("DimSize = 3 2 2\n", "", "DimSize is missing"),
         ("NDims = 3", "CompressedData = maybe\nNDims = 3", "CompressedData = maybe must be True or False"),
-        ("NDims = 3", "UltrasoundImageOrientation = XX\nNDims = 3", "UltrasoundImageOrientation = XX must be"),
+        (
+            "NDims = 3",
+            "UltrasoundImageOrientation = XX\nNDims = 3",
+            "UltrasoundImageOrientation = XX must be",
+        ),
         ("NDims = 3", "no equals sign\nNDims = 3", "header line 2 is not"),
         ("ObjectType = Image", "ObjectType = Mesh", "not an .mha sequence"),
     ] {
@@ -108,7 +112,9 @@ fn damaged_files_are_refused() {
     let cut = &packed[..packed.len() - 6];
     assert!(message(&file(folder.path(), &sized, cut)).contains("CompressedDataSize = "));
     assert!(message(&file(folder.path(), &compressed, cut)).contains("the data end in image"));
-    assert!(message(&file(folder.path(), &compressed, &zlib(&PIXELS[..9]))).contains("the data end in image 1"));
+    assert!(
+        message(&file(folder.path(), &compressed, &zlib(&PIXELS[..9]))).contains("the data end in image 1")
+    );
     assert!(message(&file(folder.path(), &compressed, &zlib(&long))).contains("more data follow"));
     assert!(message(&file(folder.path(), &compressed, &[7; 40])).contains("damaged in image 0"));
     assert!(message(&folder.path().join("missing.mha")).contains("No such file"));
@@ -119,7 +125,10 @@ fn what_is_written_is_read_back() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sequence.mha");
     let image = |k: u8| Image::from_pixels(4, 3, (0..12).map(|p| p * 7 + k).collect()).unwrap();
-    let pose = Pose::from_parts([0.1, -0.02, 0.3].into(), nalgebra::UnitQuaternion::from_euler_angles(0.1, 0.2, 0.3));
+    let pose = Pose::from_parts(
+        [0.1, -0.02, 0.3].into(),
+        nalgebra::UnitQuaternion::from_euler_angles(0.1, 0.2, 0.3),
+    );
     let mut writer = SequenceWriter::create(&path, [4, 3], 0.1).unwrap();
     writer.set("Scenario", "lateral plain").unwrap();
     for k in 0..3 {

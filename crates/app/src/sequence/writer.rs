@@ -128,7 +128,8 @@ impl SequenceWriter {
         if is_word && is_line {
             return Ok(());
         }
-        Err(SequenceProblem::value(name, value, "a word of letters, digits and _ = one line of text").at(&self.path))
+        Err(SequenceProblem::value(name, value, "a word of letters, digits and _ = one line of text")
+            .at(&self.path))
     }
 }
 

@@ -126,11 +126,11 @@ impl NeedleScene {
         let mut image = Image::black(WIDTH as u32, HEIGHT as u32);
         for v in 0..HEIGHT {
             let fresh_db = &self.fresh_db[(v + dy) * (WIDTH + SPARE) + dx..][..WIDTH];
-            for u in 0..WIDTH {
+            for (u, fresh_db) in fresh_db.iter().enumerate() {
                 let at = v * WIDTH + u;
                 let bright = strength as f32 * needle(u as f32, v as f32, tip, cos, sin);
                 let db = if bright == 0.0 { self.still_db[at] } else { decibel(self.still[at] + bright) };
-                image.pixels[at] = grey(db + fresh_db[u] + self.gain_db);
+                image.pixels[at] = grey(db + fresh_db + self.gain_db);
             }
         }
         image
@@ -163,16 +163,20 @@ impl RigidScene {
         Self { base, fresh_db, rng, shift: [0.0; 2], gain_db: 0.0 }
     }
 
-    /// The next image and its true tip.
+    /// The next image and its true tip; `still` keeps the scene where it is.
     pub fn next(&mut self, still: bool) -> (Image, [f64; 2]) {
-        while !still {
+        let mut shift = self.shift;
+        loop {
+            if still {
+                break;
+            }
             let step = [self.rng.random_range(-3.0..3.0), self.rng.random_range(-3.0..3.0)];
-            let shift = [self.shift[0] + step[0], self.shift[1] + step[1]];
+            shift = [self.shift[0] + step[0], self.shift[1] + step[1]];
             if shift.iter().all(|s: &f64| s.abs() < 40.0) {
-                self.shift = shift;
                 break;
             }
         }
+        self.shift = shift;
         let image = self.render();
         (image, [(WIDTH / 2) as f64 + self.shift[0], (HEIGHT / 2) as f64 + self.shift[1]])
     }
@@ -192,9 +196,9 @@ impl RigidScene {
                 *sum = (0..4).map(|k| taps[1][k] * self.base[(y0 + v + k) * width + x0 + i]).sum();
             }
             let fresh_db = &self.fresh_db[(v + dy) * (WIDTH + SPARE) + dx..][..WIDTH];
-            for u in 0..WIDTH {
+            for (u, fresh_db) in fresh_db.iter().enumerate() {
                 let amplitude: f32 = (0..4).map(|k| taps[0][k] * column[u + k]).sum();
-                image.pixels[v * WIDTH + u] = grey(decibel(amplitude) + fresh_db[u] + self.gain_db);
+                image.pixels[v * WIDTH + u] = grey(decibel(amplitude) + fresh_db + self.gain_db);
             }
         }
         image
