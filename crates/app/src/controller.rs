@@ -5,10 +5,13 @@
 
 use serde::{Deserialize, Serialize};
 use sonoloop_servo::{Servo, ServoState};
-use sonoloop_tracker::{Checkpoint, Context, Tracker};
+use sonoloop_tracker::{Checkpoint, Context, Tracker, snap_to_peak};
 use sonoloop_types::{Acquisition, Command, Estimate, Image, Reason, Setup, TrackState};
 
 use crate::null::Null;
+
+/// How far the operator's click may lie beside the tip: three standard deviations of a careful click.
+const CLICK_RADIUS_PX: f64 = 3.5;
 
 /// Who answers the pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,11 +88,9 @@ impl Controller {
             if acquisition.sequence != 0 {
                 return Estimate::bare(TrackState::Searching, Reason::NoCandidate, None);
             }
-            return match Tracker::new(self.setup.tracker, image, self.setup.click_px) {
-                Ok(tracker) => {
-                    self.tracker = Some(tracker);
-                    Estimate::bare(TrackState::Tracking, Reason::Ok, Some(self.setup.click_px))
-                }
+            let tip_px = snap_to_peak(image, self.setup.click_px, CLICK_RADIUS_PX);
+            return match Tracker::new(self.setup.tracker, image, tip_px) {
+                Ok(tracker) => self.tracker.insert(tracker).last_estimate(),
                 Err(_) => Estimate::bare(TrackState::Searching, Reason::OutOfImage, None),
             };
         };

@@ -15,7 +15,7 @@ const LOOK_AFTER_RESTART_S: f64 = 1.0;
 /// Longest wait for the confirmation at the crest.
 const CONFIRM_S: f64 = 0.8;
 /// A candidate has passed its crest when it fell by this many grey levels.
-const CREST_PASSED_LEVELS: f64 = 20.0;
+const CREST_PASSED_LEVELS: f64 = 8.0;
 /// Pictures without a candidate that end a crest.
 const GAP_IMAGES: u32 = 2;
 
@@ -207,7 +207,7 @@ impl Search {
             None => {
                 let there = self.step_towards(settings, at, view.dt_s);
                 let near = match self.axis {
-                    Axis::Elevation => 0.05e-3,
+                    Axis::Elevation => 0.1e-3,
                     Axis::Yaw => 0.1_f64.to_radians(),
                 };
                 if there && (view.measured.along(self.axis) - at).abs() < near {

@@ -24,9 +24,11 @@ mod scv;
 mod search;
 mod settings;
 mod shaft;
+mod snap;
 mod template;
 mod tracker;
 
 pub use checkpoint::{Checkpoint, SavedTemplate};
 pub use error::TrackerError;
 pub use tracker::{Context, Tracker};
+pub use snap::snap_to_peak;

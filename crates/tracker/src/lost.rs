@@ -18,7 +18,7 @@ const REFINE_PX: i32 = 2;
 const MAX_MOVE_PX: f64 = 3.0;
 /// A candidate needs more of the tip's rise than a tracked tip may fall to: hysteresis, and speckle in a bright
 /// inclusion reaches one half.
-const RECOVERY_PRESENCE: f64 = 0.65;
+const RECOVERY_PRESENCE: f64 = 0.7;
 /// The needle stands still while it is sought, so of two places alike the nearer one is likelier: what a pixel of
 /// distance from the expected place costs in NCC.
 const NCC_PER_PX: f64 = 0.002;
@@ -178,7 +178,11 @@ impl Tracker {
         let at_px = end.position_px;
         let Ok(inside) = self.registrar.sample(&self.region, at_px) else { return Some(rejected) };
         let view = self.view(inside, sought.median);
-        let alike = view.ncc_anchor.is_some_and(|ncc| ncc >= self.settings.recovery_ncc);
+        // It must look like the first template, and like the last one too: that is how the tip looked just before it
+        // was lost (the paper's own criterion), and short of its threshold it would be lost again at once.
+        let recovery_ncc = self.settings.recovery_ncc;
+        let alike = view.ncc_anchor.is_some_and(|ncc| ncc >= recovery_ncc)
+            && view.ncc_previous.is_some_and(|ncc| ncc >= recovery_ncc.min(self.settings.loss_ncc_previous));
         let bright =
             self.settings.loss_brightness_ratio.is_none_or(|limit| !view.is_faded(limit, RECOVERY_PRESENCE));
         let is_tip = sought.axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
