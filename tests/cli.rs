@@ -253,3 +253,56 @@ fn a_suite_reports_each_run_and_writes_junit() {
     let xml = std::fs::read_to_string(junit).expect("junit");
     assert!(xml.contains("<testsuite") && xml.matches("<testcase").count() == 2);
 }
+
+#[test]
+fn a_recorded_run_can_be_tracked_alone() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let out = folder.path().join("out");
+    let sequence = out.join("sequence.mha");
+    let mut command = program();
+    command.args(["run", SCENARIO, "--in-process", "--json", "--set", "duration_s=1", "--record", "--out"]);
+    command.arg(&out);
+    let finished = finish(start(command));
+    assert!(finished.code() < 2, "{}", finished.stderr);
+
+    // Each picture is the one of its row, and carries that row's labels.
+    let csv = std::fs::read_to_string(out.join("images.csv")).expect("images.csv");
+    let mut lines = csv.lines();
+    let columns: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    let cell = |row: usize, name: &str| {
+        rows[row][columns.iter().position(|column| *column == name).unwrap_or_else(|| panic!("no {name}"))]
+    };
+    assert_eq!(rows.len(), 25, "25 images per second");
+    let mut recorded = sonoloop::sequence::Sequence::open(&sequence).expect("a sequence");
+    assert_eq!(recorded.image_count(), rows.len());
+    for row in 0..rows.len() {
+        let image = recorded.next_image().expect("whole").expect("an image");
+        assert_eq!(format!("{:016x}", sonoloop::record::image_hash(&image)), cell(row, "image_hash"));
+        let fields = recorded.fields().expect("fields");
+        let tip = format!("{} {}", cell(row, "tip_u_px"), cell(row, "tip_v_px"));
+        assert_eq!(fields.text(row, "TrueTipPx"), Some(tip.as_str()));
+        assert_eq!(fields.text(row, "TrueTipVisible"), Some(cell(row, "visible")));
+        assert_eq!(fields.timestamp_s(row), Some(0.04 * row as f64));
+        for name in ["ProbeToBaseTransform", "TrueProbeToWorldTransform"] {
+            let matrix = fields.transform(row, name).unwrap_or_else(|| panic!("image {row} has no {name}"));
+            assert_eq!(matrix[12..], [0.0, 0.0, 0.0, 1.0]);
+            // The probe stands on the phantom, which is 200 mm long, and points down.
+            if name.starts_with("True") {
+                assert!(matrix[3].abs() < 100.0 && matrix[10] < -0.9, "{matrix:?}");
+            }
+        }
+    }
+
+    let tracked = folder.path().join("tracked");
+    let init = format!("{},{}", cell(0, "tip_u_px"), cell(0, "tip_v_px"));
+    let mut command = program();
+    command.arg("track").arg(&sequence).args(["--init", &init, "--out"]).arg(&tracked);
+    let finished = finish(start(command));
+    assert_eq!(finished.code(), 0, "{}", finished.stderr);
+    let table = std::fs::read_to_string(tracked.join("track.csv")).expect("track.csv");
+    assert_eq!(table.lines().count(), rows.len() + 1, "one row per image");
+
+    let finished = sonoloop(&["run", SCENARIO, "--record"]);
+    assert_eq!(finished.code(), 2, "--record needs --out: {}", finished.stderr);
+}

@@ -79,15 +79,12 @@ impl Moments {
         Some((mean_square.max(0.0) / self.var_b).sqrt() / gain)
     }
 
-    /// How much of b's rise over its surroundings (`ground`) the first patch has: 1 = all, 0 = none; `None` when b
-    /// does not rise.
+    /// How much of b's contrast the first patch has: 1 = all, 0 = none of it; `None` when b is flat.
     ///
-    /// The least-squares factor g in a − Δ − ground ≈ g·(b − ground). Speckle that happens to have the template's
-    /// shape has little of its height.
-    pub fn presence(&self, change: f64, ground: f64) -> Option<f64> {
-        let (rise_a, rise_b) = (self.mean_a - change - ground, self.mean_b - ground);
-        let energy = self.var_b + rise_b * rise_b;
-        (energy > FLAT).then(|| (self.cov + rise_a * rise_b) / energy)
+    /// The least-squares factor g in a ≈ g·b + constant. Speckle that happens to have the template's shape has little of
+    /// its height, and a brighter or darker surrounding does not count.
+    pub fn presence(&self) -> Option<f64> {
+        (self.var_b > FLAT).then(|| self.cov / self.var_b)
     }
 
     /// Whether the second patch is too flat to be looked for.
@@ -158,10 +155,10 @@ mod tests {
     }
 
     #[test]
-    fn truth_presence_is_the_share_of_the_rise_that_is_left() {
+    fn truth_presence_is_the_share_of_the_contrast_that_is_left() {
         let b = texture(5);
         let faded: Vec<f32> = b.iter().map(|g| 60.0 + 0.4 * (g - 60.0) + 7.0).collect();
-        assert!((moments(&faded, &b, 3.0).presence(7.0, 60.0).unwrap() - 0.4).abs() < 1e-4);
+        assert!((moments(&faded, &b, 3.0).presence().unwrap() - 0.4).abs() < 1e-4);
     }
 
     #[test]

@@ -16,7 +16,7 @@ const NEAR_GROWTH_PX: f64 = 3.0;
 const REFINE_PX: i32 = 2;
 /// An optimiser that leaves the peak it began at found something else.
 const MAX_MOVE_PX: f64 = 3.0;
-/// A candidate needs more of the tip's rise than a tracked tip may fall to: hysteresis, and speckle in a bright
+/// A candidate needs more of the tip's contrast than a tracked tip may fall to: hysteresis, and speckle in a bright
 /// inclusion reaches one half.
 const RECOVERY_PRESENCE: f64 = 0.7;
 /// The needle stands still while it is sought, so of two places alike the nearer one is likelier: what a pixel of

@@ -13,10 +13,10 @@ use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
 /// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
 /// that may still be settling, and the paper's recovery threshold lies below its loss threshold.
 const HOLD_PREVIOUS_TEST: u32 = 2;
-/// Share of the first template's rise over the speckle below which the tip is gone. With a tip some 28 dB over the
+/// Share of the first template's contrast below which the tip is gone. With a tip some 28 dB over the
 /// speckle on a logarithmic display, one half is left at −14 dB: 1.8 σ of the elevational beam off the plane.
 const LOSS_PRESENCE: f64 = 0.5;
-/// Share of the rise at which the tip is there whatever its surroundings look like.
+/// Share of the contrast at which the tip is there whatever its surroundings look like.
 const PLAIN_PRESENCE: f64 = 0.75;
 /// A measured motion beyond this is not one of an ultrasound picture.
 const MAX_MOTION_PX: f64 = 1e4;
@@ -336,7 +336,7 @@ impl Tracker {
             ncc_previous: moments(&self.previous).and_then(|m| m.ncc()),
             ncc_anchor: anchor.and_then(|m| m.ncc()),
             brightness_ratio: anchor.and_then(|m| m.brightness_ratio(change, ground(&m))),
-            presence: anchor.and_then(|m| m.presence(change, ground(&m))),
+            presence: anchor.and_then(|m| m.presence()),
             level: anchor.map_or(0.0, |m| m.mean_a),
         }
     }
@@ -394,7 +394,7 @@ impl Tracker {
 }
 
 impl View {
-    /// Whether the brightness test fails: too little of T_1's rise over its surroundings is left, or the patch differs
+    /// Whether the brightness test fails: too little of T_1's contrast is left, or the patch differs
     /// too much from T_1 and does not plainly stand out either. (A tip that passes through a brighter or darker
     /// inclusion differs from T_1 all around and is there none the less.)
     pub fn is_faded(&self, ratio_limit: f64, least_presence: f64) -> bool {

@@ -100,7 +100,10 @@ pub fn finish(
         version: VERSION,
     };
     if let Some(folder) = &args.out {
-        let video = output::write_outcome(folder, &outcome).map_err(AppError::fault)?;
+        let more = |stage: &output::Stage| {
+            if args.record { output::write_sequence(stage, &outcome) } else { Ok(()) }
+        };
+        let video = output::write_outcome_with(folder, &outcome, more).map_err(AppError::fault)?;
         let video = video.map_or_else(String::new, |video| format!(" ({video})"));
         eprintln!("{}{video}", folder.display());
     }

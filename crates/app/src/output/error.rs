@@ -1,6 +1,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::sequence::SequenceError;
+
 /// Why the files of a run could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
@@ -21,6 +23,9 @@ pub enum OutputError {
     /// A picture of the report could not be encoded.
     #[error("cannot encode a picture: {0}")]
     Picture(#[from] image::ImageError),
+    /// The recorded sequence could not be written.
+    #[error("cannot write the sequence: {0}")]
+    Sequence(#[from] SequenceError),
 }
 
 impl OutputError {

@@ -12,6 +12,7 @@ mod overlay;
 mod plot;
 mod png;
 mod report;
+mod sequence;
 mod stage;
 mod summary;
 mod table;
@@ -27,6 +28,7 @@ pub use error::OutputError;
 pub use junit::{Case, CaseResult, junit_xml};
 pub use overlay::{Display, Scale};
 pub use png::write_png;
+pub use sequence::write_sequence;
 pub use stage::Stage;
 pub use summary::{Summary, TimingSummary};
 pub use table::{bound_text, failure_text, metrics_table, value_text, verdict_text};
@@ -40,6 +42,7 @@ use sonoloop_scenario::Scenario;
 use crate::judge::{Judged, Metrics};
 use crate::record::Recording;
 use report::report_html;
+use sequence::SEQUENCE;
 use video::{Frames, GIF, MP4, write_video};
 
 /// A run and its verdict, ready to be written.
@@ -58,7 +61,7 @@ pub struct Outcome<'a> {
 }
 
 /// Every name that [`write_outcome`] may use; an older run's files of these names do not survive it.
-/// `sequence.mha` is the caller's: see [`write_outcome_with`].
+/// `sequence.mha` is the caller's: see [`write_outcome_with`] and [`write_sequence`].
 const NAMES: [&str; 9] = [
     "images.csv",
     "events.csv",
@@ -66,7 +69,7 @@ const NAMES: [&str; 9] = [
     "tracking.svg",
     "insertion.svg",
     "report.html",
-    "sequence.mha",
+    SEQUENCE,
     MP4,
     GIF,
 ];
