@@ -286,17 +286,9 @@ mod tests {
             let e = search.commanded.elevation_m - tip_m;
             farthest_m = farthest_m.max(search.commanded.elevation_m.abs());
             let seen = e.abs() < half_width_m && search.commanded.yaw_rad.abs() < 1e-3;
-            let state = if seen { TrackState::Recovering } else { TrackState::Lost };
-            let mut estimate = Estimate::bare(state, Reason::Ok, None);
-            estimate.tip_level = Some(200.0 - 40.0 * (e / half_width_m).powi(2));
-            let view = View {
-                time_s,
-                dt_s: 0.04,
-                measured: search.commanded,
-                candidate: false,
-                level: None,
-                in_contact: true,
-            };
+            let level = Some(200.0 - 40.0 * (e / half_width_m).powi(2));
+            let measured = search.commanded;
+            let view = View { time_s, dt_s: 0.04, measured, candidate: seen, level, in_contact: true };
             search.advance(&settings, &view);
             if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
                 break;

@@ -67,6 +67,6 @@ impl Library {
     }
 
     pub(super) fn phantom(&self, scenario: &Document, relative: &str) -> Result<PhantomSpec, LoadError> {
-        self.phantoms.take(scenario, "phantom", relative, phantom::phantom)
+        self.phantoms.take(scenario, "phantom", relative, phantom)
     }
 }
