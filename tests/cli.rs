@@ -125,9 +125,9 @@ fn a_dangling_joint_is_refused() {
 #[test]
 fn a_phantom_of_negative_size_is_refused_in_its_own_file() {
     let files = Box::new();
-    let phantom = "phantoms/gelatin_agar_heterogeneous.yaml";
+    let phantom = "phantoms/gelatin_agar.yaml";
     files.edit(phantom, "size_mm: [200", "size_mm: [-200");
-    files.refused(&["gelatin_agar_heterogeneous.yaml", "size_mm", "-200"]);
+    files.refused(&["gelatin_agar.yaml", "size_mm", "-200"]);
 }
 
 #[test]

@@ -95,7 +95,7 @@ fn truth_units_are_converted_once() {
     assert_eq!(scenario.duration_ticks, 40_000);
     assert_eq!(scenario.image_period_ticks, 40);
     assert_eq!(scenario.insertion.start_depth_m, 0.014);
-    assert_eq!(scenario.insertion.target_depth_m, 0.055);
+    assert_eq!(scenario.insertion.target_depth_m, 0.062);
     let axis = scenario.insertion.axis_in_world;
     // cos 40° and sin 40° from a table.
     assert!((axis.x - 0.766_044_443_118_978).abs() < 1e-15 && axis.y == 0.0);

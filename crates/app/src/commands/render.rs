@@ -49,7 +49,9 @@ pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
         ("--needle-angle-deg", args.needle_angle_deg.unwrap_or(0.0), 90.0),
     ];
     for (name, value, bound) in values {
-        if !(value.abs() <= bound) {
+        // Asked this way round because NaN must be refused too.
+        let is_within = value.abs() <= bound;
+        if !is_within {
             return Err(AppError::BadInput(format!("error: {name} = {value} must be within ±{bound}")));
         }
     }

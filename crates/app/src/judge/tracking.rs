@@ -69,7 +69,8 @@ pub(super) fn silent_loss_s(images: &[ImageRow], facts: &Facts) -> f64 {
         .chunk_by(|a, b| is_silent(a) == is_silent(b))
         .filter(|stretch| is_silent(&stretch[0]))
         .map(|stretch| (stretch.len() as f64 * period_s - FREE_SILENCE_S).max(0.0))
-        .sum()
+        // Not `sum`: the empty sum of floats is −0.
+        .fold(0.0, |total, silence_s| total + silence_s)
 }
 
 fn rms(values: &[f64]) -> Option<f64> {
