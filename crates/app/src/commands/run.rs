@@ -40,7 +40,7 @@ pub fn execute_in_process(
     kind: ControllerKind,
 ) -> Result<Finished, AppError> {
     let mut peer = InProcess::new(kind, needs_checkpoints(scenario));
-    let (recording, error) = session.run(RUN_ID, &mut peer, &mut Nobody, None);
+    let (recording, error) = session.run(run_id(), &mut peer, &mut Nobody, None);
     if let Some(error) = error {
         return Err(AppError::fault(error));
     }
@@ -52,8 +52,11 @@ pub fn execute_in_process(
 /// Version of the program.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Every message of a run carries its id. Domains keep runs apart, so the id only has to differ from zero.
-pub const RUN_ID: u64 = 1;
+/// Every message of a run carries its id, so that a stray one is told from its own. It never reaches the run's state.
+fn run_id() -> u64 {
+    let since_1970 = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    (u64::from(std::process::id()) << 40) ^ since_1970.as_nanos() as u64 | 1
+}
 
 /// Runs one scenario as the command line says.
 pub fn run(args: &RunArgs) -> Result<Outcome, AppError> {
@@ -87,7 +90,7 @@ pub fn finish(
             AppError::Fault(format!("the pictures cannot be kept in the temporary folder: {e}"))
         })?;
     let mut progress = Progress::new(scenario);
-    let (recording, error) = session.run(RUN_ID, peer.as_mut(), &mut progress, pixels);
+    let (recording, error) = session.run(run_id(), peer.as_mut(), &mut progress, pixels);
     // Shared memory is gone before files are written: a full disk must not leave it behind.
     drop(peer);
     progress.finish();

@@ -8,7 +8,7 @@ use crate::sequence::SequenceWriter;
 /// Name of the file.
 pub(super) const SEQUENCE: &str = "sequence.mha";
 
-/// Writes the pictures of a run as [`SEQUENCE`], one per image of `images.csv` and in its order; nothing when the run
+/// Writes the pictures of a run as `sequence.mha`, one per image of `images.csv` and in its order; nothing when the run
 /// has none or kept none.
 ///
 /// | field | holds |
