@@ -30,5 +30,5 @@ mod tracker;
 
 pub use checkpoint::{Checkpoint, SavedTemplate};
 pub use error::TrackerError;
-pub use tracker::{Context, Tracker};
 pub use snap::snap_to_peak;
+pub use tracker::{Context, Tracker};
