@@ -46,7 +46,7 @@ pub fn execute_in_process(
     }
     let (metrics, judged) = judge(scenario, &recording);
     let Scenario { name, seed, .. } = scenario;
-    Ok(Finished { summary: Summary::new(name, *seed, VERSION, &metrics, &judged, &recording.timing) })
+    Ok(Finished { summary: Summary::new(name, *seed, VERSION, &metrics, &judged, &recording) })
 }
 
 /// Version of the program.

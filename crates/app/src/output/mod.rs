@@ -78,7 +78,7 @@ impl Outcome<'_> {
     /// `summary.json`'s content.
     pub fn summary(&self) -> Summary {
         let Scenario { name, seed, .. } = self.scenario;
-        Summary::new(name, *seed, self.version, self.metrics, self.judged, &self.recording.timing)
+        Summary::new(name, *seed, self.version, self.metrics, self.judged, self.recording)
     }
 }
 

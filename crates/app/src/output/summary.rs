@@ -1,7 +1,8 @@
 use serde::Serialize;
+use sonoloop_types::EndReason;
 
 use crate::judge::{Judged, Metrics, passes};
-use crate::record::Timing;
+use crate::record::{Recording, Timing};
 
 /// `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -14,6 +15,8 @@ pub struct Summary {
     pub version: String,
     /// `pass` or `fail`.
     pub verdict: &'static str,
+    /// Why the run ended; after anything but `target_reached` and `time_over` its bytes are not comparable.
+    pub end: EndReason,
     /// Every expectation and what became of it.
     pub expectations: Vec<Judged>,
     /// All metrics; null without a value.
@@ -30,16 +33,17 @@ impl Summary {
         version: &str,
         metrics: &Metrics,
         judged: &[Judged],
-        timing: &Timing,
+        recording: &Recording,
     ) -> Self {
         Self {
             scenario: scenario.to_owned(),
             seed,
             version: version.to_owned(),
             verdict: if passes(judged) { "pass" } else { "fail" },
+            end: recording.end,
             expectations: judged.to_vec(),
             metrics: *metrics,
-            timing: TimingSummary::of(timing),
+            timing: TimingSummary::of(&recording.timing),
         }
     }
 
@@ -101,22 +105,26 @@ mod tests {
     #[test]
     fn summary_has_the_shape_of_the_contract() {
         let mut recording = scripted("---", "SSS");
-        recording.end = sonoloop_types::EndReason::Interrupted;
+        recording.end = EndReason::Interrupted;
         let metrics = metrics(&recording, &facts());
-        let timing = Timing {
+        recording.timing = Timing {
             render_ms: vec![3.0, 1.0, 2.0, 9.0],
             wall_s: 2.0,
             simulated_s: 12.0,
             ..Timing::default()
         };
-        let summary = Summary::new("plain", 7, "0.1.0", &metrics, &verdict(&metrics, &[]), &timing);
+        let summary = Summary::new("plain", 7, "0.1.0", &metrics, &verdict(&metrics, &[]), &recording);
         let json: serde_json::Value = serde_json::from_str(&summary.to_json()).unwrap();
         let keys = |value: &serde_json::Value| -> Vec<String> {
             value.as_object().unwrap().keys().cloned().collect()
         };
         let mut top = keys(&json);
         top.sort();
-        assert_eq!(top, ["expectations", "metrics", "scenario", "seed", "timing", "verdict", "version"]);
+        assert_eq!(json["end"], "interrupted");
+        assert_eq!(
+            top,
+            ["end", "expectations", "metrics", "scenario", "seed", "timing", "verdict", "version"]
+        );
         let mut timing = keys(&json["timing"]);
         timing.sort();
         assert_eq!(
