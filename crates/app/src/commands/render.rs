@@ -55,6 +55,12 @@ pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
             return Err(AppError::BadInput(format!("error: {name} = {value} must be within ±{bound}")));
         }
     }
+    if args.out.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        return Err(AppError::BadInput(format!(
+            "error: --out {}: there is no such folder",
+            args.out.display()
+        )));
+    }
     let phantom = sonoloop_scenario::load_phantom(&args.phantom).map_err(AppError::bad_input)?;
     let probe = sonoloop_scenario::load_probe(&args.probe).map_err(AppError::bad_input)?;
     let needle_spec = sonoloop_scenario::load_needle(&args.needle).map_err(AppError::bad_input)?;

@@ -85,6 +85,12 @@ pub fn finish(
     mut peer: Box<dyn Peer>,
     args: &OutputArgs,
 ) -> Result<Outcome, AppError> {
+    if let Some(folder) = args.out.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
+        return Err(AppError::BadInput(format!(
+            "error: --out {}: this is a file, not a folder",
+            folder.display()
+        )));
+    }
     let pixels =
         args.out.as_ref().map(|_| ImageStore::new()).transpose().map_err(|e| {
             AppError::Fault(format!("the pictures cannot be kept in the temporary folder: {e}"))

@@ -29,7 +29,9 @@ pub fn suite(args: &SuiteArgs) -> Result<Outcome, AppError> {
         // Everything is checked before anything runs.
         let (scenario, _) = prepare(&file, None, &args.set)?;
         for k in 0..u64::from(args.seeds) {
-            let seed = scenario.seed + k;
+            let seed = scenario.seed.checked_add(k).ok_or_else(|| {
+                AppError::BadInput(format!("error: seed {} + {k} is too large", scenario.seed))
+            })?;
             if k > 0 {
                 prepare(&file, Some(seed), &args.set)?;
             }

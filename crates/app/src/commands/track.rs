@@ -22,6 +22,13 @@ pub fn track(args: TrackArgs) -> Result<Outcome, AppError> {
         track_recorded::run(&recorded)?;
         return Ok(Outcome::Pass);
     }
+    let from_environment = std::env::var_os(sonoloop_wire::DOMAIN_VARIABLE).is_some();
+    if args.domain.is_none() && !from_environment {
+        return Err(AppError::BadInput(
+            "error: give a recording (SEQUENCE --init U,V), or the run to join (--domain NAME --root DIR)"
+                .into(),
+        ));
+    }
     let domain = match (&args.domain, &args.root) {
         (Some(name), Some(root)) => Domain::open(name, root),
         _ => Domain::from_environment(),
