@@ -1,6 +1,6 @@
 //! Whoever answers the pictures, near or far.
 
-use sonoloop_types::{Acquisition, Command, EndReason, Image, Refusal, Setup};
+use sonoloop_types::{Acquisition, Command, CommandReceipt, EndReason, Image, Refusal, Setup};
 
 use crate::controller::{Controller, ControllerKind, RestoreError};
 
@@ -48,6 +48,10 @@ pub trait Peer {
     fn start(&mut self, setup: &Setup) -> Result<(), PeerError>;
     /// Hands over a picture and waits for its answer; `None` when nobody is there to answer.
     fn exchange(&mut self, acquisition: &Acquisition, image: &Image) -> Result<Option<Answer>, PeerError>;
+    /// Messages refused at the door since the last call that were no answer to the picture handed over.
+    fn strays(&mut self) -> Vec<CommandReceipt> {
+        Vec::new()
+    }
     /// Kills the tracker without warning.
     fn kill(&mut self) -> Result<(), PeerError>;
     /// Starts a killed tracker again, with its last checkpoint.

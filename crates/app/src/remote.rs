@@ -3,7 +3,7 @@
 use std::process::{Child, Command as Process, Stdio};
 use std::time::Duration;
 
-use sonoloop_types::{Acquisition, EndReason, Image, Setup};
+use sonoloop_types::{Acquisition, CommandReceipt, EndReason, Image, Setup};
 use sonoloop_wire::{Answer as WireAnswer, Domain, SimEndpoint, Wait, WireError};
 
 use crate::peer::{Answer, Peer, PeerError};
@@ -134,6 +134,10 @@ impl Peer for Remote {
             Wait::Gone => Err(gone(&mut self.child)),
             Wait::Interrupted => Err(PeerError::Interrupted),
         }
+    }
+
+    fn strays(&mut self) -> Vec<CommandReceipt> {
+        self.endpoint.as_ref().map_or_else(Vec::new, SimEndpoint::take_refusals)
     }
 
     fn kill(&mut self) -> Result<(), PeerError> {

@@ -213,6 +213,11 @@ impl Session {
                 }
             }
         }
+        for stray in peer.strays() {
+            if let Some(refusal) = stray.refused {
+                self.world.refuse(stray.answers, refusal);
+            }
+        }
         watch.image(&row);
         if let Some(pixels) = &mut recording.pixels {
             pixels

@@ -42,7 +42,6 @@ pub struct Guidance {
 /// The last picture's facts, for prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Last {
-    acquisition_tick: u64,
     base_from_probe: Pose,
     depth_m: Option<f64>,
     tip_px: [f64; 2],
@@ -178,7 +177,6 @@ impl Servo {
                 tip_px = last.tip_px;
             }
             self.state.last = Some(Last {
-                acquisition_tick: acquisition.acquisition_tick,
                 base_from_probe: acquisition.base_from_probe,
                 depth_m: acquisition.depth_m,
                 tip_px,
@@ -273,7 +271,7 @@ impl Servo {
 
         let tip_in_base = acquisition.base_from_probe * tip_in_probe;
         let remaining_m = feed::remaining_m(&self.setup, &tip_in_base);
-        let age_s = (acquisition.publication_tick - acquisition.acquisition_tick) as f64
+        let age_s = acquisition.publication_tick.saturating_sub(acquisition.acquisition_tick) as f64
             / f64::from(self.setup.tick_rate_hz);
         let since_m = acquisition.feed_m_s.unwrap_or(0.0) * age_s;
         if feed::arrived(remaining_m - since_m) {
