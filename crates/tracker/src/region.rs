@@ -1,8 +1,10 @@
+use core::ops::Range;
+
 use sonoloop_types::Image;
 
 /// A rectangle of a picture as blurred grey levels, in which patches are sampled.
 ///
-/// Its pixels are `scale × scale` blocks of the picture's (1 or a small whole number); places beyond the picture's
+/// Its pixels are `scale × scale` blocks of the picture's (`scale` is 1, 2 or 4); places beyond the picture's
 /// edge repeat the edge. Buffers only ever grow, so a region that was filled once at its largest never allocates
 /// again.
 #[derive(Debug, Clone, Default)]
@@ -116,14 +118,40 @@ fn read_line(image: &Image, scale: usize, picture: [usize; 2], first: i64, v: i6
         }
         return;
     }
+    // Coarse pixels inside the picture, then its outermost ones repeated.
+    let length = line.len() as i64;
+    let inside = (-first).clamp(0, length)..(last + 1 - first).clamp(0, length);
+    let Range { start, end } = inside.start as usize..inside.end as usize;
+    if start >= end {
+        let nearest = first.clamp(0, last) as usize;
+        add_coarse(image, scale, v, nearest, &mut line[..1]);
+        let level = line[0];
+        line.fill(level);
+        return;
+    }
+    add_coarse(image, scale, v, (first + start as i64) as usize, &mut line[start..end]);
+    let (left, right) = (line[start], line[end - 1]);
+    line[..start].fill(left);
+    line[end..].fill(right);
+}
+
+/// Means of `scale`² pixels, for neighbouring coarse pixels of coarse row `v` from `u` on.
+fn add_coarse(image: &Image, scale: usize, v: usize, u: usize, line: &mut [f32]) {
+    line.fill(0.0);
+    for dv in 0..scale {
+        let row = &image.row((v * scale + dv) as u32)[u * scale..];
+        match scale {
+            2 => add_pixels::<2>(row, line),
+            _ => add_pixels::<4>(row, line),
+        }
+    }
     let share = 1.0 / (scale * scale) as f32;
-    for (k, out) in line.iter_mut().enumerate() {
-        let u = (first + k as i64).clamp(0, last) as usize;
-        let sum: u32 = (0..scale)
-            .flat_map(|dv| &image.row((v * scale + dv) as u32)[u * scale..][..scale])
-            .map(|level| u32::from(*level))
-            .sum();
-        *out = sum as f32 * share;
+    line.iter_mut().for_each(|level| *level *= share);
+}
+
+fn add_pixels<const SCALE: usize>(row: &[u8], line: &mut [f32]) {
+    for (level, pixels) in line.iter_mut().zip(row.as_chunks::<SCALE>().0) {
+        *level += pixels.iter().map(|&level| u32::from(level)).sum::<u32>() as f32;
     }
 }
 

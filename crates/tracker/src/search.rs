@@ -12,6 +12,8 @@ pub(crate) const PEAKS: usize = 4;
 const WINDOW_SIGMAS: f64 = 3.0;
 /// Coarse windows wider than this are searched at a quarter of the resolution, not half.
 const MAX_HALF_SIDE: usize = 20;
+/// Windows whose products are summed side by side, in registers.
+const BLOCK: usize = 16;
 /// Variance in grey levels squared below which a place counts as flat.
 const FLAT: f32 = 1.0;
 
@@ -34,7 +36,7 @@ pub(crate) struct Search {
     region: Region,
     map: Vec<f32>,
     columns: [Vec<f32>; 2],
-    sums: [Vec<f32>; 3],
+    sums: [Vec<f32>; 2],
 }
 
 /// Candidate places, best first; unused entries are `None`.
@@ -67,7 +69,7 @@ impl Search {
             region: Region::default(),
             map: Vec::new(),
             columns: [Vec::new(), Vec::new()],
-            sums: [Vec::new(), Vec::new(), Vec::new()],
+            sums: [Vec::new(), Vec::new()],
         };
         search.build_kernel(template);
         search.reserve(picture);
@@ -146,12 +148,13 @@ impl Search {
         self.columns.iter_mut().for_each(|buffer| buffer.resize(width, 0.0));
         self.sums.iter_mut().for_each(|buffer| buffer.resize(columns, 0.0));
         let [linear, square] = &mut self.columns;
-        let [mean, mean_square, product] = &mut self.sums;
-        for y in 0..rows {
+        let [mean, energy] = &mut self.sums;
+        let energy_floor = FLAT * self.weight_sum;
+        let template_is_flat = self.energy <= energy_floor;
+        for (y, map) in self.map.chunks_exact_mut(columns).enumerate() {
             // The weights of Σ w I and Σ w I² separate; those of Σ w T I do not.
             linear.fill(0.0);
             square.fill(0.0);
-            product.fill(0.0);
             for k in 0..self.side {
                 let row = &self.region.grey[(y + k) * width..][..width];
                 let weight = self.axis[k];
@@ -159,27 +162,43 @@ impl Search {
                     *linear += weight * grey;
                     *square += weight * grey * grey;
                 }
-                let kernel = &self.kernel[k * self.side..][..self.side];
-                for (x, factor) in kernel.iter().enumerate() {
-                    for (product, grey) in product.iter_mut().zip(&row[x..]) {
-                        *product += factor * grey;
-                    }
-                }
             }
             mean.fill(0.0);
-            mean_square.fill(0.0);
+            energy.fill(0.0);
             for (x, weight) in self.axis.iter().enumerate() {
                 for (sum, value) in mean.iter_mut().zip(&linear[x..]) {
                     *sum += weight * value;
                 }
-                for (sum, value) in mean_square.iter_mut().zip(&square[x..]) {
+                for (sum, value) in energy.iter_mut().zip(&square[x..]) {
                     *sum += weight * value;
                 }
             }
-            for (x, ncc) in self.map[y * columns..][..columns].iter_mut().enumerate() {
-                let energy = mean_square[x] - mean[x] * mean[x] / self.weight_sum;
-                let flat = energy <= FLAT * self.weight_sum || self.energy <= FLAT * self.weight_sum;
-                *ncc = if flat { -1.0 } else { product[x] / (energy * self.energy).sqrt() };
+            for (energy, mean) in energy.iter_mut().zip(mean.iter()) {
+                *energy -= mean * mean / self.weight_sum;
+            }
+            let template_energy = self.energy;
+            let score = |product: f32, energy: f32| {
+                let flat = template_is_flat || energy <= energy_floor;
+                if flat { -1.0 } else { product / (energy * template_energy).sqrt() }
+            };
+            let rows = &self.region.grey[y * width..];
+            let (blocks, rest) = map.as_chunks_mut::<BLOCK>();
+            let (block_energies, rest_energies) = energy.as_chunks::<BLOCK>();
+            for (block, (map, energy)) in blocks.iter_mut().zip(block_energies).enumerate() {
+                // Much of a picture is black: the margins beside the aperture, and what lies below the noise.
+                if template_is_flat || energy.iter().all(|&energy| energy <= energy_floor) {
+                    map.fill(-1.0);
+                    continue;
+                }
+                let product = products::<BLOCK>(&self.kernel, self.side, &rows[block * BLOCK..], width);
+                for ((ncc, product), &energy) in map.iter_mut().zip(product).zip(energy) {
+                    *ncc = score(product, energy);
+                }
+            }
+            let first = columns - rest.len();
+            for (x, (ncc, &energy)) in rest.iter_mut().zip(rest_energies).enumerate() {
+                let [product] = products::<1>(&self.kernel, self.side, &rows[first + x..], width);
+                *ncc = score(product, energy);
             }
         }
     }
@@ -208,6 +227,20 @@ impl Search {
             row[x.saturating_sub(1)..(x + 2).min(columns)].iter().all(|near| *near <= value)
         })
     }
+}
+
+/// Σ w T I of N neighbouring windows, the first at the start of `rows`, which lie `width` apart.
+#[inline(always)]
+fn products<const N: usize>(kernel: &[f32], side: usize, rows: &[f32], width: usize) -> [f32; N] {
+    let mut sums = [0.0f32; N];
+    for (k, kernel) in kernel.chunks_exact(side).enumerate() {
+        for (window, &factor) in rows[k * width..][..side + N - 1].windows(N).zip(kernel) {
+            for (sum, &grey) in sums.iter_mut().zip(window) {
+                *sum += factor * grey;
+            }
+        }
+    }
+    sums
 }
 
 #[cfg(test)]

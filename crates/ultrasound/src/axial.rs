@@ -7,7 +7,7 @@ use crate::{
 };
 
 /// Columns are padded to a multiple of this, the width of the inner loops.
-pub const BLOCK: usize = 16;
+pub const BLOCK: usize = 32;
 /// Rows kept: the pulse spans 13 rows at the steepest tilt.
 const RING: usize = 16;
 
@@ -16,7 +16,6 @@ const RING: usize = 16;
 pub struct AxialScratch {
     lateral: LateralScratch,
     ring: Vec<f32>,
-    taps: Vec<f32>,
 }
 
 /// What turns a filled grid into display rows.
@@ -45,6 +44,7 @@ impl AxialScratch {
         let peak = unit_energy_peak(beam.sigma_axial_m) as f32;
         let decay = (0.5 / (beam.sigma_axial_m * beam.sigma_axial_m)) as f32;
         self.ring.resize(RING * 2 * columns, 0.0);
+        self.lateral.reset();
         let window = |v: usize| {
             let z_m = v as f64 * spacing_m;
             let low = ((z_m - reach_m) / step_m).ceil().max(0.0) as usize;
@@ -59,21 +59,28 @@ impl AxialScratch {
                 self.lateral.filter_row(lateral, beam, grid, map, filled, row.split_at_mut(columns).into());
                 filled += 1;
             }
-            self.taps.clear();
-            self.taps.extend((low..high).map(|row| {
+            let mut taps = [0.0f32; RING];
+            let mut sources: [&[f32]; RING] = [&[]; RING];
+            for ((row, tap), source) in (low..high).zip(&mut taps).zip(&mut sources) {
                 let d = (z_m - row as f64 * step_m) as f32;
-                peak * exp_minus(d * d * decay)
-            }));
-            for (x, out) in out.chunks_exact_mut(BLOCK).enumerate() {
-                let mut sum = [0.0f32; BLOCK];
-                for (row, &tap) in (low..high).zip(&self.taps) {
-                    let source = &self.ring[row % RING * 2 * columns + x * BLOCK..][..BLOCK];
-                    for (s, &v) in sum.iter_mut().zip(source) {
-                        *s += tap * v;
-                    }
-                }
-                out.copy_from_slice(&sum);
+                *tap = peak * exp_minus(d * d * decay);
+                *source = &self.ring[row % RING * 2 * columns..][..2 * columns];
+            }
+            let (taps, sources) = (&taps[..high - low], &sources[..high - low]);
+            weighted_sum(taps, sources, out);
+        }
+    }
+}
+
+/// `out[x] = Σ_t taps[t]·sources[t][x]`, a multiple of [`BLOCK`] values.
+fn weighted_sum(taps: &[f32], sources: &[&[f32]], out: &mut [f32]) {
+    for (x, out) in out.chunks_exact_mut(BLOCK).enumerate() {
+        let mut sum = [0.0f32; BLOCK];
+        for (source, &tap) in sources.iter().zip(taps) {
+            for (s, &v) in sum.iter_mut().zip(&source[x * BLOCK..][..BLOCK]) {
+                *s += tap * v;
             }
         }
+        out.copy_from_slice(&sum);
     }
 }

@@ -20,10 +20,17 @@ pub struct Stretch {
     pub attenuation_db_m: f32,
 }
 
-#[derive(Clone, Copy)]
-struct Range {
+/// Place of a column's stretches, see [`Columns::stretches`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
     first: u32,
     count: u32,
+}
+
+impl Range {
+    pub fn is_empty(self) -> bool {
+        self.count == 0
+    }
 }
 
 /// Tissue as seen by the lattice.
@@ -73,11 +80,16 @@ impl Columns {
         self.half
     }
 
-    /// The stretches of a column from the top down; none outside the phantom.
-    pub fn get(&mut self, ix: i32, iy: i32) -> &[Stretch] {
+    /// The stretches of a column from the top down.
+    pub fn stretches(&self, range: Range) -> &[Stretch] {
+        &self.stretches[range.first as usize..][..range.count as usize]
+    }
+
+    /// Where the stretches of a column are kept; an empty range outside the phantom.
+    pub fn get(&mut self, ix: i32, iy: i32) -> Range {
         let [hx, hy] = self.half;
         if ix < -hx || ix >= hx || iy < -hy || iy >= hy {
-            return &[];
+            return Range { first: 0, count: 0 };
         }
         let (i, j) = ((ix + hx) as usize, (iy + hy) as usize);
         let side = TILE as usize;
@@ -101,6 +113,6 @@ impl Columns {
             }
             *range = Range { first: first as u32, count: (self.stretches.len() - first) as u32 };
         }
-        &self.stretches[range.first as usize..][..range.count as usize]
+        *range
     }
 }

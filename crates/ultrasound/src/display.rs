@@ -19,7 +19,7 @@ const RINGING_DEPTH_M: f64 = 15e-3;
 /// The receiver and the screen.
 pub struct Display {
     seed: u64,
-    noise: Vec<[f32; 2]>,
+    noise: [Vec<f32>; 2],
     /// Noise rms over unit speckle.
     noise_amplitude: f32,
     /// Two-way compensation per metre of depth.
@@ -39,9 +39,10 @@ pub struct Exposure {
 
 impl Display {
     pub fn new(probe: &ProbeSpec, seed: u64) -> Self {
+        let noise = gaussian_tape(seed, 2, NOISE_LENGTH);
         Self {
             seed: mix(seed ^ 0x6e6f_6973_6500_0000),
-            noise: gaussian_tape(seed, 2, NOISE_LENGTH),
+            noise: [0, 1].map(|part| noise.iter().map(|v| v[part]).collect()),
             noise_amplitude: amplitude_from_db(probe.noise_level_db) as f32,
             tgc_db_m: 2.0 * 100.0 * probe.tgc_db_cm_mhz * probe.centre_frequency_hz * 1e-6,
             white_db: probe.speckle_level_db as f32,
@@ -62,33 +63,60 @@ impl Display {
         let z_m = row as f64 * exposure.spacing_m;
         let hash = mix(self.seed ^ mix(exposure.sequence ^ mix(row as u64)));
         let first = (hash % (NOISE_LENGTH - columns.min(NOISE_LENGTH)) as u64) as usize;
-        let noise = &self.noise[first..][..columns];
         let gain_db = if exposure.gain_db.is_finite() { exposure.gain_db } else { 0.0 };
         let level_db = (self.tgc_db_m * z_m + gain_db.clamp(-200.0, 200.0)) as f32 - self.white_db;
         let ringing = if gain.any_blind { ringing(z_m) } else { 0.0 };
         let (above, below, share) = gain.row(row);
-        let (above, below) = (&above[..columns], &below[..columns]);
-        let (re, im, blind) = (&field.0[..columns], &field.1[..columns], &gain.blind[..columns]);
-        // In short passes over a few pixels: the logarithm is one long chain, and several must be under way.
-        for first in (0..columns).step_by(PASS) {
-            let here = first..columns.min(first + PASS);
-            let mut level = [0.0f32; PASS];
-            let (above, below, noise) = (&above[here.clone()], &below[here.clone()], &noise[here.clone()]);
-            let (re, im, blind) = (&re[here.clone()], &im[here.clone()], &blind[here.clone()]);
-            for (x, level) in level.iter_mut().enumerate().take(re.len()) {
-                let a = above[x] + share * (below[x] - above[x]);
-                let r = re[x] * a + noise[x][0] * self.noise_amplitude + blind[x] * ringing;
-                let i = im[x] * a + noise[x][1] * self.noise_amplitude;
-                *level = r * r + i * i;
-            }
-            for level in &mut level {
-                *level = power_db(*level);
-            }
-            for (pixel, level) in pixels[here].iter_mut().zip(&level) {
-                let grey = 255.0 + self.grey_per_db * (level_db + level);
-                // Adding 2²³ rounds to the nearest whole number and leaves it in the low bits.
-                *pixel = (grey.clamp(0.0, 255.0) + 8_388_608.0).to_bits() as u8;
-            }
+        let line = Line {
+            field: [&field.0[..columns], &field.1[..columns]],
+            gain: [&above[..columns], &below[..columns]],
+            share,
+            noise: [0, 1].map(|part| &self.noise[part][first..][..columns]),
+            noise_amplitude: self.noise_amplitude,
+            blind: &gain.blind[..columns],
+            ringing,
+            level_db,
+            grey_per_db: self.grey_per_db,
+        };
+        grey_levels(&line, pixels);
+    }
+}
+
+/// What one display row is made of; slices of equal length.
+struct Line<'a> {
+    field: [&'a [f32]; 2],
+    /// Amplitude at the knots above and below, and how far the row lies between them.
+    gain: [&'a [f32]; 2],
+    share: f32,
+    noise: [&'a [f32]; 2],
+    noise_amplitude: f32,
+    blind: &'a [f32],
+    ringing: f32,
+    level_db: f32,
+    grey_per_db: f32,
+}
+
+/// In short passes over a few pixels: the logarithm is one long chain, and several must be under way.
+fn grey_levels(line: &Line, pixels: &mut [u8]) {
+    for first in (0..pixels.len()).step_by(PASS) {
+        let here = first..pixels.len().min(first + PASS);
+        let mut level = [0.0f32; PASS];
+        let ([above, below], [re, im]) =
+            (line.gain.map(|v| &v[here.clone()]), line.field.map(|v| &v[here.clone()]));
+        let ([noise_re, noise_im], blind) = (line.noise.map(|v| &v[here.clone()]), &line.blind[here.clone()]);
+        for (x, level) in level.iter_mut().enumerate().take(re.len()) {
+            let a = above[x] + line.share * (below[x] - above[x]);
+            let r = re[x] * a + noise_re[x] * line.noise_amplitude + blind[x] * line.ringing;
+            let i = im[x] * a + noise_im[x] * line.noise_amplitude;
+            *level = r * r + i * i;
+        }
+        for level in &mut level {
+            *level = power_db(*level);
+        }
+        for (pixel, level) in pixels[here].iter_mut().zip(&level) {
+            let grey = 255.0 + line.grey_per_db * (line.level_db + level);
+            // Adding 2²³ rounds to the nearest whole number and leaves it in the low bits.
+            *pixel = (grey.clamp(0.0, 255.0) + 8_388_608.0).to_bits() as u8;
         }
     }
 }
@@ -104,18 +132,16 @@ fn ringing(z_m: f64) -> f32 {
     (band * amplitude_from_db(RINGING_LEVEL_DB - RINGING_DECAY_DB_M * z_m)) as f32
 }
 
-/// 10·log10 of a power to 1e-4 dB: exponent bits, and the series of atanh for the mantissa. The floor of
-/// −300 dB keeps zero finite.
+/// 10·log10 of a power to 2e-4 dB: exponent bits, and a polynomial for the logarithm
+/// of the mantissa (least maximum error, fitted) that is exact at both its ends. The floor of −300 dB keeps zero finite.
 #[inline(always)]
 fn power_db(power: f32) -> f32 {
     const DB_PER_OCTAVE: f32 = 3.010_3;
     let bits = power.max(1e-30).to_bits();
     let exponent = (bits >> 23) as i32 - 127;
-    let mantissa = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
-    let t = (mantissa - 1.0) / (mantissa + 1.0);
-    let t2 = t * t;
-    let series = t * (1.0 + t2 * (1.0 / 3.0 + t2 * (0.2 + t2 * (1.0 / 7.0 + t2 * (1.0 / 9.0)))));
-    DB_PER_OCTAVE * (exponent as f32 + 2.0 * core::f32::consts::LOG2_E * series)
+    let m = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000) - 1.0;
+    let log2 = m + m * (1.0 - m) * (0.441_917 + m * (-0.267_179_3 + m * (0.148_426_5 - m * 0.045_148_93)));
+    DB_PER_OCTAVE * (exponent as f32 + log2)
 }
 
 #[cfg(test)]

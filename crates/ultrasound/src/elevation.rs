@@ -10,8 +10,8 @@ use crate::{
 
 /// Width of a bin of e′. A fifteenth of the thinnest σ: at most 1.4 % of the field's rms, at the focus only.
 const BIN_M: f64 = 0.02e-3;
-/// Rows between two looks at whether a column is inside the slice; runs start at a multiple of it.
-pub const STRIDE: usize = 4;
+/// Rows between two looks at whether a column is inside the slice; runs start and end at multiples of it.
+pub const STRIDE: usize = 8;
 /// Bins that one task fills.
 const BLOCK: usize = 64;
 
@@ -21,6 +21,14 @@ pub struct Run {
     pub lo: u32,
     pub hi: u32,
     pub first: u32,
+}
+
+/// The runs of one column, see [`ElevationTable::runs`].
+#[derive(Debug, Clone, Copy)]
+pub struct Crossing {
+    block: u32,
+    first: u32,
+    end: u32,
 }
 
 #[derive(Default)]
@@ -42,11 +50,18 @@ pub struct ElevationTable {
     reach_m: Vec<f32>,
     /// e − e′ by row.
     drift_m: Vec<f32>,
+    /// What the table was made for: rows, their distance, slope.
+    made_for: Option<(usize, f64, f64)>,
 }
 
 impl ElevationTable {
-    /// Fills the table; every weight also carries `scale`.
+    /// Fills the table; every weight also carries `scale`. One table serves one beam and scale.
     pub fn build(&mut self, beam: &Beam, shear: &Shear, scale: f64) {
+        let made_for = Some((shear.rows, shear.row_step_m, shear.elevation_slope));
+        if self.made_for == made_for {
+            return;
+        }
+        self.made_for = made_for;
         self.decay.clear();
         self.peak.clear();
         self.reach_m.clear();
@@ -85,20 +100,22 @@ impl ElevationTable {
         [self.first_bin as f64 * BIN_M, (self.first_bin + self.bins as i64 - 1) as f64 * BIN_M]
     }
 
-    /// Block and runs of the columns at `e_m` = e′; none when they miss the slice.
-    pub fn runs(&self, e_m: f64) -> (u32, &[Run]) {
+    /// Where the columns at `e_m` = e′ cross the slice; `None` when they miss it.
+    pub fn crossing(&self, e_m: f64) -> Option<Crossing> {
         let bin = floor(e_m * (1.0 / BIN_M) + 0.5) - self.first_bin;
         if bin < 0 || bin >= self.bins as i64 {
-            return (0, &[]);
+            return None;
         }
         let (block, bin) = (bin as usize / BLOCK, bin as usize % BLOCK);
         let starts = &self.blocks[block].starts;
-        (block as u32, &self.blocks[block].runs[starts[bin] as usize..starts[bin + 1] as usize])
+        let (first, end) = (starts[bin], starts[bin + 1]);
+        (first < end).then_some(Crossing { block: block as u32, first, end })
     }
 
-    /// `count` weights of a block from `first` on.
-    pub fn weights(&self, block: u32, first: usize, count: usize) -> &[f32] {
-        &self.blocks[block as usize].weights[first..][..count]
+    /// The runs of a crossing, and the weights they refer to.
+    pub fn runs(&self, crossing: Crossing) -> (&[Run], &[f32]) {
+        let block = &self.blocks[crossing.block as usize];
+        (&block.runs[crossing.first as usize..crossing.end as usize], &block.weights)
     }
 }
 
@@ -121,7 +138,7 @@ impl Block {
     fn push_bin(&mut self, shear: &Shear, e_m: f64, widest_m: f64, profile: &Profile) {
         let Profile { decay, peak, reach_m, drift_m } = profile;
         let (lo, hi) = shear.rows_within(e_m, shear.elevation_slope, widest_m);
-        let (lo, e) = (lo / STRIDE * STRIDE, e_m as f32);
+        let (lo, hi, e) = (lo / STRIDE * STRIDE, hi.next_multiple_of(STRIDE), e_m as f32);
         let inside = |row: usize| (e + drift_m[row]).abs() <= reach_m[row];
         // Looked at every STRIDE rows: a stride counts when either end is inside.
         let (mut row, mut here) = (lo, lo < hi && inside(lo));
@@ -129,7 +146,7 @@ impl Block {
             let start = row;
             let mut any = false;
             while row < hi {
-                let next = (row + STRIDE).min(hi);
+                let next = row + STRIDE;
                 let there = inside(next - 1);
                 let counts = here || there;
                 if !counts {
@@ -147,8 +164,8 @@ impl Block {
                     *weight = peak[i] * exp_minus(e * e * decay[i]);
                 }
             } else {
-                here = inside((row + STRIDE).min(hi) - 1);
-                row = (row + STRIDE).min(hi);
+                row += STRIDE;
+                here = inside(row - 1);
             }
         }
         self.starts.push(self.runs.len() as u32);

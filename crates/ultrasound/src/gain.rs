@@ -165,7 +165,8 @@ fn integral(twice: &[f64], once: &[f64], u: f64) -> f64 {
 fn attenuation_db_m(lattice: &Lattice, tissue: &mut Columns, point_in_phantom: &Point) -> f64 {
     let [ix, iy] = lattice.nearest(point_in_phantom.x, point_in_phantom.y);
     let n = (-point_in_phantom.z / lattice.depth_step_m).floor();
-    let stretches = tissue.get(ix, iy).iter();
+    let range = tissue.get(ix, iy);
+    let stretches = tissue.stretches(range).iter();
     stretches
         .filter(|s| f64::from(s.start) <= n && n < f64::from(s.end))
         .map(|s| f64::from(s.attenuation_db_m))

@@ -1,28 +1,31 @@
 //! Which stretches of tape go into which lines of the grid.
 
 use crate::{
-    columns::Columns,
-    elevation::{ElevationTable, STRIDE},
+    columns::{Columns, Range},
+    elevation::{Crossing, ElevationTable, STRIDE},
     lattice::{Lattice, TAPE_LENGTH},
     shear::Shear,
     tape::{BakedTape, SUB_DELAYS},
 };
 
-/// A stretch of one column in one material inside the slice.
+/// One column of the lattice that may cross the slice.
 #[derive(Debug, Clone, Copy)]
 pub struct Job {
     /// Lines `line` and `line + 1` get the shares `1 − fraction` and `fraction`.
     pub line: u32,
     pub fraction: f32,
-    /// Rows `lo..lo + count`.
+    /// Rows `lo..hi` lie inside the picture's width; multiples of [`STRIDE`].
     pub lo: u32,
-    pub count: u32,
+    pub hi: u32,
     /// Index into the baked tape at row `lo`.
     pub tape: u32,
-    /// Block and index of the elevational weights at row `lo`.
-    pub block: u32,
-    pub weight: u32,
-    /// Material amplitude times phase.
+    /// Row of the column's scatterer 0.
+    pub row_of_0: i32,
+    /// Where the column crosses the slice.
+    pub crossing: Crossing,
+    /// What lies along the column.
+    pub stretches: Range,
+    /// Phase of the column.
     pub re: f32,
     pub im: f32,
 }
@@ -75,17 +78,13 @@ impl Jobs {
         for iy in iy_min..=iy_max {
             let [first, last] = self.overlap(shear, elevation, iy);
             for ix in first..=last {
-                let (block, runs) = elevation.runs(shear.e.at(ix, iy));
-                if runs.is_empty() {
-                    continue;
-                }
+                let Some(crossing) = elevation.crossing(shear.e.at(ix, iy)) else { continue };
                 let x_m = shear.x.at(ix, iy);
                 let (x_lo, x_hi) = shear.rows_within(x_m, shear.lateral_slope, shear.reach_m);
                 if x_lo == x_hi {
                     continue;
                 }
-                // Whole strides where nothing forbids it: aligned rows are quicker to add.
-                let (x_lo, x_hi) = (x_lo / STRIDE * STRIDE, x_hi.next_multiple_of(STRIDE).min(shear.rows));
+                let (x_lo, x_hi) = (x_lo / STRIDE * STRIDE, x_hi.next_multiple_of(STRIDE));
                 let line = (x_m - shear.first_line_m) / shear.line_pitch_m;
                 if !(line >= 0.0 && line < (shear.lines - 1) as f64) {
                     continue;
@@ -99,37 +98,30 @@ impl Jobs {
                     product(self.phase_x[(ix - ix_min) as usize], self.phase_y[(iy - iy_min) as usize]),
                     tape.carrier(offset),
                 );
-                for stretch in columns.get(ix, iy) {
-                    if stretch.amplitude == 0.0 {
-                        continue;
-                    }
-                    // Scatterers n of the stretch lie in rows n + row_of_0.
-                    let lo = (i64::from(stretch.start) + row_of_0).max(x_lo as i64);
-                    let hi = (i64::from(stretch.end) + row_of_0).min(x_hi as i64);
-                    for run in runs {
-                        let (lo, hi) = (lo.max(i64::from(run.lo)), hi.min(i64::from(run.hi)));
-                        if lo >= hi {
-                            continue;
-                        }
-                        let sample = (lo - row_of_0) as usize + offset;
-                        let wrap = sample / TAPE_LENGTH;
-                        while self.wraps.len() <= wrap {
-                            self.wraps.push(turn((self.wraps.len() * TAPE_LENGTH) as f64));
-                        }
-                        let [re, im] = product(phase, self.wraps[wrap]);
-                        self.unsorted.push(Job {
-                            line: line as u32,
-                            fraction: (line - f64::from(line as u32)) as f32,
-                            lo: lo as u32,
-                            count: (hi - lo) as u32,
-                            tape: (sub_delay * tape.stride + sample % TAPE_LENGTH) as u32,
-                            block,
-                            weight: run.first + (lo as u32 - run.lo),
-                            re: re as f32 * stretch.amplitude,
-                            im: im as f32 * stretch.amplitude,
-                        });
-                    }
+                let stretches = columns.get(ix, iy);
+                // Scatterer n lies in row n + row_of_0; what is before n = 0 has no material.
+                let lo = (x_lo as i64).max(row_of_0 / STRIDE as i64 * STRIDE as i64);
+                if stretches.is_empty() || lo >= x_hi as i64 {
+                    continue;
                 }
+                let sample = (lo - row_of_0 + (offset + TAPE_LENGTH) as i64) as usize;
+                let wrap = sample / TAPE_LENGTH;
+                while self.wraps.len() <= wrap {
+                    self.wraps.push(turn((self.wraps.len() as f64 - 1.0) * TAPE_LENGTH as f64));
+                }
+                let [re, im] = product(phase, self.wraps[wrap]);
+                self.unsorted.push(Job {
+                    line: line as u32,
+                    fraction: (line - f64::from(line as u32)) as f32,
+                    lo: lo as u32,
+                    hi: x_hi as u32,
+                    tape: (sub_delay * tape.stride + sample % TAPE_LENGTH) as u32,
+                    row_of_0: row_of_0 as i32,
+                    crossing,
+                    stretches,
+                    re: re as f32,
+                    im: im as f32,
+                });
             }
         }
         self.sort(shear.lines);

@@ -2,7 +2,7 @@
 
 use crate::{
     beam::{Beam, unit_energy_peak},
-    splat::Grid,
+    splat::{BAND, CHUNK, Grid},
 };
 
 /// Columns that share one beam width: few, as the width changes quickly at the array's ends.
@@ -11,8 +11,8 @@ const BLOCK: usize = 8;
 const PHASES: usize = 64;
 /// Beam widths kept per unit of widening.
 const WIDTHS: f64 = 32.0;
-/// Taps reach at least this many σ (amplitude 0.4 %).
-const REACH: f64 = 3.3;
+/// Taps reach at least this many σ (amplitude 0.5 %).
+const REACH: f64 = 3.25;
 /// Terms of the dual's series on each side: 0.268^12 is 1e-7.
 const DUAL_TERMS: i32 = 12;
 
@@ -48,34 +48,40 @@ impl LateralFilters {
         (((widening - 1.0) * WIDTHS + 0.5) as usize).min(self.filters.len() - 1)
     }
 
-    /// Filters one row, real and imaginary parts side by side. A source starts `self.radius − 1` lines before
-    /// the line at or left of column 0, and `fraction` is how far column 0 lies past that line.
-    /// `filter_of_block` comes from [`Self::select`].
-    fn apply(&self, source: [&[f32]; 2], fraction: f64, filter_of_block: &[u16], out: [&mut [f32]; 2]) {
-        let phase = (fraction * PHASES as f64 + 0.5) as usize;
-        let [out_re, out_im] = out;
-        let mut block = 0;
-        while let Some(&index) = filter_of_block.get(block) {
-            let Filter { radius, taps } = &self.filters[usize::from(index)];
-            let taps = &taps[phase * 2 * radius..][..2 * radius];
-            let column = block * BLOCK;
-            let source = source.map(|part| &part[column + self.radius - radius..]);
-            // Neighbours of equal width go together; sums per column are the same.
-            if filter_of_block.get(block + 1) == Some(&index) {
-                convolve::<{ 2 * BLOCK }>(source, taps, &mut out_re[column..], &mut out_im[column..]);
-                block += 2;
-            } else {
-                convolve::<BLOCK>(source, taps, &mut out_re[column..], &mut out_im[column..]);
-                block += 1;
-            }
-        }
-    }
-
     /// Which filter each block of columns takes at a depth.
     fn select(&self, beam: &Beam, first_x_m: f64, pitch_m: f64, depth_m: f64, blocks: &mut [u16]) {
         for (b, index) in blocks.iter_mut().enumerate() {
             let x_m = first_x_m + (b * BLOCK + BLOCK / 2) as f64 * pitch_m;
             *index = self.index(beam.widening(x_m, depth_m)) as u16;
+        }
+    }
+}
+
+/// Filters one row, real and imaginary parts side by side. A source starts `radius − 1` lines before the line at or
+/// left of column 0, and `fraction` is how far column 0 lies past that line. `filter_of_block` comes from
+/// [`LateralFilters::select`].
+fn apply(
+    filters: &[Filter],
+    radius: usize,
+    source: [&[f32]; 2],
+    fraction: f64,
+    filter_of_block: &[u16],
+    [out_re, out_im]: [&mut [f32]; 2],
+) {
+    let phase = (fraction * PHASES as f64 + 0.5) as usize;
+    let mut block = 0;
+    while let Some(&index) = filter_of_block.get(block) {
+        let filter = &filters[usize::from(index)];
+        let taps = &filter.taps[phase * 2 * filter.radius..][..2 * filter.radius];
+        let column = block * BLOCK;
+        let source = source.map(|part| &part[column + radius - filter.radius..]);
+        // Neighbours of equal width go together; sums per column are the same.
+        if filter_of_block.get(block + 1) == Some(&index) {
+            convolve::<{ 2 * BLOCK }>(source, taps, &mut out_re[column..], &mut out_im[column..]);
+            block += 2;
+        } else {
+            convolve::<BLOCK>(source, taps, &mut out_re[column..], &mut out_im[column..]);
+            block += 1;
         }
     }
 }
@@ -142,15 +148,33 @@ pub struct LineMap {
     pub pitch_m: f64,
 }
 
-/// Scratch for one task.
+impl LineMap {
+    /// Line index of column 0 at a row.
+    fn line_at(&self, row: usize) -> f64 {
+        self.at_row_0 + self.per_row * row as f64
+    }
+}
+
+/// Scratch for one task: a chunk of rows of the grid.
 #[derive(Default)]
 pub struct LateralScratch {
-    row: [Vec<f32>; 2],
+    /// First row that `rows` holds; `None` before the first.
+    first_row: Option<usize>,
+    /// Line at the start of every row.
+    first_line: i64,
+    /// Per row the real parts, then the imaginary ones.
+    rows: Vec<f32>,
     blocks: Vec<u16>,
 }
 
 impl LateralScratch {
-    /// Filters one row of the grid into the real and imaginary buffers, of equal length, a multiple of 8.
+    /// Forgets the picture before.
+    pub fn reset(&mut self) {
+        self.first_row = None;
+    }
+
+    /// Filters one row of the grid into the real and imaginary buffers, of equal length, a multiple of 8. Rows are
+    /// asked for in ascending order.
     pub fn filter_row(
         &mut self,
         filters: &LateralFilters,
@@ -158,17 +182,48 @@ impl LateralScratch {
         grid: &Grid,
         map: &LineMap,
         row: usize,
-        [out_re, out_im]: [&mut [f32]; 2],
+        out: [&mut [f32]; 2],
     ) {
-        let columns = out_re.len();
-        let line = map.at_row_0 + map.per_row * row as f64;
+        let columns = out[0].len();
+        let first_row = match self.first_row {
+            Some(first) if row < first + CHUNK => first,
+            _ => self.load(filters, beam, grid, map, row, columns),
+        };
+        let line = map.line_at(row);
         let whole = line.floor();
-        let [re, im] = &mut self.row;
-        re.resize(columns + 2 * filters.radius, 0.0);
-        im.resize(columns + 2 * filters.radius, 0.0);
-        grid.copy_row(row, whole as i64 - filters.radius as i64 + 1, re, im);
+        let first = (whole as i64 - filters.radius as i64 + 1 - self.first_line) as usize;
+        let lines = self.rows.len() / (2 * CHUNK);
+        let (re, im) = self.rows[(row - first_row) * 2 * lines..][..2 * lines].split_at(lines);
+        let span = columns + 2 * filters.radius;
+        let source = [&re[first..][..span], &im[first..][..span]];
+        apply(&filters.filters, filters.radius, source, line - whole, &self.blocks, out);
+    }
+
+    /// Loads the chunk of `row`; returns its first row.
+    fn load(
+        &mut self,
+        filters: &LateralFilters,
+        beam: &Beam,
+        grid: &Grid,
+        map: &LineMap,
+        row: usize,
+        columns: usize,
+    ) -> usize {
+        let first_row = row / CHUNK * CHUNK;
+        let ends = [first_row, first_row + CHUNK - 1].map(|row| map.line_at(row).floor() as i64);
+        let first = ends[0].min(ends[1]) - filters.radius as i64 + 1;
+        let end = ends[0].max(ends[1]) + (columns + filters.radius) as i64 + 1;
+        let band = BAND as i64;
+        let first_band = first.div_euclid(band);
+        let bands = (end - first_band * band + band - 1).div_euclid(band);
+        self.first_line = first_band * band;
+        self.rows.resize(2 * CHUNK * bands as usize * BAND, 0.0);
+        grid.copy_chunk(first_row, first_band, &mut self.rows);
+        // Widths change little over a chunk's half millimetre.
+        let depth_m = (first_row + CHUNK / 2) as f64 * map.row_step_m;
         self.blocks.resize(columns / BLOCK, 0);
-        filters.select(beam, map.first_x_m, map.pitch_m, row as f64 * map.row_step_m, &mut self.blocks);
-        filters.apply([re, im], line - whole, &self.blocks, [out_re, out_im]);
+        filters.select(beam, map.first_x_m, map.pitch_m, depth_m, &mut self.blocks);
+        self.first_row = Some(first_row);
+        first_row
     }
 }

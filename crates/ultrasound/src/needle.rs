@@ -24,9 +24,10 @@ const REVERBERATION_GAIN: f64 = 0.35;
 /// Roughness counts where the wall faces the probe within 60°, weighted cos²; mean of cos⁴ over the circle.
 const ROUGH_MIN_COSINE: f64 = 0.5;
 const ROUGH_MEAN_COS4: f64 = 0.1853;
-/// Points of the roughness around the shaft, and their distance along it in steps of the coherent line.
+/// Points of the roughness around the shaft, and their distance along it in steps of the coherent line. Sectors
+/// take turns, so that the points of neighbours fill one another's gaps.
 const SECTORS: usize = 8;
-const ROUGH_STEPS: u64 = 2;
+const ROUGH_STEPS: u64 = 4;
 /// A coherent stretch that would sum to less than this share of the roughness is left out.
 const COHERENT_SHARE: f64 = 0.1;
 /// Nor is one drawn that stays below this over unit speckle.
@@ -227,10 +228,10 @@ impl NeedleEchoes {
                 let amplitude = [coherent_step * fade, 0.0];
                 self.add_with_tail(sink, centre + up * wall_m, amplitude, coherent_echoes);
             }
-            if i % ROUGH_STEPS != 0 {
-                continue;
-            }
-            for (sector, &[cos, sin]) in self.around.iter().enumerate() {
+            let first_sector = (i % ROUGH_STEPS) as usize;
+            for (sector, &[cos, sin]) in
+                self.around.iter().enumerate().skip(first_sector).step_by(ROUGH_STEPS as usize)
+            {
                 let normal = roll * cos + side * sin;
                 let facing = normal.dot(&up);
                 if facing > ROUGH_MIN_COSINE {

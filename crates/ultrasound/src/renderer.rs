@@ -15,13 +15,13 @@ use crate::{
     lattice::Lattice,
     needle::NeedleEchoes,
     shear::Shear,
-    splat::Grid,
+    splat::{Grid, Sources},
     stamp::{self, Layout, Stamp},
     tape::BakedTape,
 };
 
 /// Display rows per task; fixed, so that results do not depend on the number of threads.
-const TASK_ROWS: usize = 60;
+const TASK_ROWS: usize = 80;
 
 /// Renders pictures of one needle in one phantom through one probe.
 ///
@@ -43,7 +43,6 @@ pub struct Renderer {
     stamps: Vec<Stamp>,
     gain: GainMap,
     field: Vec<f32>,
-    grey: Vec<u8>,
     scratch: Vec<AxialScratch>,
 }
 
@@ -121,7 +120,6 @@ impl Renderer {
             stamps: Vec::new(),
             gain: GainMap::default(),
             field: vec![0.0; frame.rows() * 2 * frame.padded],
-            grey: vec![0; frame.rows() * frame.columns],
             scratch: Vec::new(),
             probe,
             beam,
@@ -134,31 +132,27 @@ impl Renderer {
     /// bytes for any number of threads of the current rayon pool and any earlier pictures.
     pub fn render(&mut self, slice: &Slice, image: &mut Image) {
         let Frame { geometry, first_px, columns, padded, .. } = self.frame;
-        let spacing_m = geometry.spacing_m;
-        let exposure = Exposure { sequence: slice.sequence, gain_db: slice.gain_db, spacing_m };
-        let mut grey = core::mem::take(&mut self.grey);
-        self.fill_field(slice, &mut grey, |this, row, field, grey| {
-            let (re, im) = field.split_at(padded);
-            this.display.row(&exposure, this.gain, row, (re, im), grey);
-        });
         if (image.width_px, image.height_px) != (geometry.width_px, geometry.height_px) {
             *image = Image::black(geometry.width_px, geometry.height_px);
         }
-        for (out, grey) in
-            image.pixels.chunks_exact_mut(geometry.width_px as usize).zip(grey.chunks_exact(columns.max(1)))
-        {
-            out.fill(0);
-            out[first_px..][..columns].copy_from_slice(grey);
-        }
-        self.grey = grey;
+        let spacing_m = geometry.spacing_m;
+        let exposure = Exposure { sequence: slice.sequence, gain_db: slice.gain_db, spacing_m };
+        // Entered once: every hand-over from a thread outside the pool would put that thread to sleep.
+        rayon::scope(|_| {
+            self.fill_field(slice, &mut image.pixels, |this, row, field, pixels| {
+                let (re, im) = field.split_at(padded);
+                pixels.fill(0);
+                let pixels = &mut pixels[first_px..][..columns];
+                this.display.row(&exposure, this.gain, row, (re, im), pixels);
+            });
+        });
     }
 
     /// The complex field behind the picture, see [`Field`].
     pub fn field(&mut self, slice: &Slice) -> Field {
-        let Frame { first_px, columns, padded, .. } = self.frame;
-        let mut grey = core::mem::take(&mut self.grey);
-        self.fill_field(slice, &mut grey, |_, _, _, _| {});
-        self.grey = grey;
+        let Frame { geometry, first_px, columns, padded, .. } = self.frame;
+        let mut image = Image::black(geometry.width_px, geometry.height_px);
+        self.fill_field(slice, &mut image.pixels, |_, _, _, _| {});
         let values = self.field.chunks_exact(2 * padded).flat_map(|row| {
             let (re, im) = row.split_at(padded);
             re[..columns].iter().zip(&im[..columns]).map(|(&re, &im)| [re, im])
@@ -166,15 +160,17 @@ impl Renderer {
         Field { first_px, columns, rows: self.frame.rows(), values: values.collect() }
     }
 
-    /// Fills `self.field` and hands every row to `finish`.
+    /// Fills `self.field` and hands every row, with the picture's, to `finish`.
     fn fill_field(
         &mut self,
         slice: &Slice,
-        grey: &mut [u8],
+        pixels: &mut [u8],
         finish: impl Fn(&Finish, usize, &[f32], &mut [u8]) + Sync,
     ) {
         let Frame { geometry, columns, padded, first_x_m, .. } = self.frame;
+        let width = geometry.width_px as usize;
         if columns == 0 {
+            pixels.fill(0);
             return;
         }
         let spacing_m = geometry.spacing_m;
@@ -188,19 +184,19 @@ impl Renderer {
         let this = Finish { display: &self.display, gain: &self.gain };
         self.field
             .par_chunks_mut(TASK_ROWS * 2 * padded)
-            .zip(grey.par_chunks_mut(TASK_ROWS * columns))
+            .zip(pixels.par_chunks_mut(TASK_ROWS * width))
             .zip(&mut self.scratch)
             .enumerate()
-            .for_each(|(task, ((field, grey), scratch))| {
+            .for_each(|(task, ((field, pixels), scratch))| {
                 let first_row = task * TASK_ROWS;
                 match &filters {
                     Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
                     None => field.fill(0.0),
                 }
                 stamp::apply(stamps, padded, first_row, field);
-                let rows = field.chunks_exact(2 * padded).zip(grey.chunks_exact_mut(columns));
-                for (i, (field, grey)) in rows.enumerate() {
-                    finish(&this, first_row + i, field, grey);
+                let rows = field.chunks_exact(2 * padded).zip(pixels.chunks_exact_mut(width));
+                for (i, (field, pixels)) in rows.enumerate() {
+                    finish(&this, first_row + i, field, pixels);
                 }
             });
     }
@@ -252,7 +248,8 @@ impl Renderer {
             },
         );
         let shear = shear?;
-        self.grid.fill(&shear, &self.jobs, &self.tape, &self.elevation);
+        let sources = Sources { tape: &self.tape, elevation: &self.elevation, columns: &self.columns };
+        self.grid.fill(&shear, &self.jobs, sources);
         let map = LineMap {
             at_row_0: (first_x_m - shear.first_line_m) / spacing_m,
             per_row: -shear.lateral_slope * shear.row_step_m / spacing_m,

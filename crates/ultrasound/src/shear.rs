@@ -4,12 +4,15 @@ use sonoloop_types::{ImageGeometry, Point, Pose, Vector};
 
 use crate::{
     beam::{Beam, PROFILE_REACH},
+    elevation::STRIDE,
     jobs::floor,
     lattice::Lattice,
 };
 
 /// Below this cosine between the beam and the phantom's vertical no tissue is drawn (60°).
 const MIN_COSINE: f64 = 0.5;
+/// Steps of a slope per unit.
+const SLOPES: f64 = 32_768.0;
 
 /// A value that is affine in the place of a column.
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +40,7 @@ impl Affine {
 #[derive(Debug, Clone)]
 pub struct Shear {
     pub row_step_m: f64,
+    /// A multiple of [`STRIDE`].
     pub rows: usize,
     /// t = dx/dz along a column.
     pub lateral_slope: f64,
@@ -76,11 +80,14 @@ impl Shear {
         if !finite || down.z < MIN_COSINE {
             return None;
         }
-        let row_step_m = lattice.depth_step_m * down.z;
+        // Slopes are rounded, so that a probe that is held in its attitude keeps the tables that depend on it. A
+        // column is drawn at most 0.7 µm beside its place 48 mm down, and 0.4 µm too deep at 30° (0.03 rad).
+        let round = |slope: f64| (slope * SLOPES).round() / SLOPES;
+        let (t, s) = (round(down.x / down.z), round(down.y / down.z));
+        let row_step_m = lattice.depth_step_m / (1.0 + t * t + s * s).sqrt();
         let deepest_m = f64::from(geometry.height_px.saturating_sub(1)) * geometry.spacing_m
             + PROFILE_REACH * beam.sigma_axial_m;
-        let rows = (deepest_m / row_step_m) as usize + 1;
-        let (t, s) = (down.x / down.z, down.y / down.z);
+        let rows = ((deepest_m / row_step_m) as usize + 1).next_multiple_of(STRIDE);
         let reach_m = half_width_m + lateral_margin_m;
         let line_pitch_m = geometry.spacing_m;
         let first_line_m = -reach_m - (t * deepest_m).max(0.0) - line_pitch_m;

@@ -1,225 +1,256 @@
 //! Adding columns to the working grid.
 
 use rayon::prelude::*;
+use wide::f32x4;
 
 use crate::{
-    elevation::ElevationTable,
+    columns::{Columns, Stretch},
+    elevation::{ElevationTable, STRIDE},
     jobs::{Job, Jobs},
     shear::Shear,
-    tape::BakedTape,
+    tape::{BakedTape, unpack},
 };
 
-/// Lines per band; bands are filled side by side. A line gets its columns in the same order whatever the band,
-/// so the result depends neither on this nor on the threads. Narrow bands span few rows of a sheared grid.
-const BAND: usize = 48;
+/// Lines per band. A line gets its columns in the same order whatever the band, so the result depends neither on
+/// this nor on the threads. A band's lines fit the inner caches while columns are added to them.
+pub const BAND: usize = 16;
+/// Rows read together.
+pub const CHUNK: usize = STRIDE;
+/// Bands per task; fixed, though results do not depend on it.
+const TASK_BANDS: usize = 4;
 
-/// Rows and lines transposed at a time.
-const TILE: usize = 16;
-
-/// Complex working grid, row by row, in bands of lines.
+/// Complex working grid in bands of lines.
 #[derive(Default)]
 pub struct Grid {
     bands: Vec<Band>,
-    lines: usize,
+    scratch: Vec<Scratch>,
 }
 
 #[derive(Default)]
 struct Band {
-    /// Rows that any column reaches, whole tiles.
+    /// Rows that any column reaches, whole strides.
     lo: usize,
     hi: usize,
-    /// Per line all real parts, then all imaginary ones, over `hi − lo` rows.
+    /// Per row `BAND` real parts, then as many imaginary ones.
+    rows: Vec<f32>,
+}
+
+/// Scratch of one task.
+#[derive(Default)]
+struct Scratch {
+    /// A band under way: per line all real parts, then all imaginary ones.
     by_line: Vec<f32>,
-    /// Per row all real parts, then all imaginary ones, over the band's lines.
-    by_row: Vec<f32>,
+    mixed: Vec<f32>,
+}
+
+/// What columns are made of.
+#[derive(Clone, Copy)]
+pub struct Sources<'a> {
+    pub tape: &'a BakedTape,
+    pub elevation: &'a ElevationTable,
+    pub columns: &'a Columns,
 }
 
 impl Grid {
     /// Clears the grid and adds all jobs.
-    pub fn fill(&mut self, shear: &Shear, jobs: &Jobs, tape: &BakedTape, elevation: &ElevationTable) {
-        self.lines = shear.lines;
-        self.bands.resize_with(self.lines.div_ceil(BAND), Band::default);
-        self.bands.par_iter_mut().enumerate().for_each(|(index, band)| {
-            let first = index * BAND;
-            band.fill(first, BAND.min(shear.lines - first), jobs, tape, elevation);
-            band.transpose();
+    pub fn fill(&mut self, shear: &Shear, jobs: &Jobs, sources: Sources) {
+        self.bands.resize_with(shear.lines.div_ceil(BAND), Band::default);
+        self.scratch.resize_with(self.bands.len().div_ceil(TASK_BANDS), Scratch::default);
+        let tasks = self.bands.par_chunks_mut(TASK_BANDS).zip(&mut self.scratch);
+        tasks.enumerate().for_each(|(task, (bands, scratch))| {
+            for (i, band) in bands.iter_mut().enumerate() {
+                let first = (task * TASK_BANDS + i) * BAND;
+                band.fill(first, BAND.min(shear.lines - first), jobs, sources, scratch);
+            }
         });
     }
 
-    /// Copies the lines from `first` on of one row; zero beyond the grid. Real, imaginary parts.
-    pub fn copy_row(&self, row: usize, first: i64, re: &mut [f32], im: &mut [f32]) {
-        let (mut done, count) = (0, re.len());
-        while done < count {
-            let line = first + done as i64;
-            let inside = line >= 0 && line < self.lines as i64;
-            let (index, skip) = (line as usize / BAND, line as usize % BAND);
-            let length = match inside {
-                true => (BAND - skip).min(count - done),
-                false if line < 0 => (-line as usize).min(count - done),
-                false => count - done,
-            };
-            let (re, im) = (&mut re[done..][..length], &mut im[done..][..length]);
-            match self.bands.get(index) {
-                Some(band) if inside && (band.lo..band.hi).contains(&row) => {
-                    let row = &band.by_row[(row - band.lo) * 2 * BAND..][..2 * BAND];
-                    re.copy_from_slice(&row[skip..][..length]);
-                    im.copy_from_slice(&row[BAND + skip..][..length]);
+    /// Copies [`CHUNK`] rows from `row` on, a multiple of it, of the bands from `first_band` on; zero beyond the
+    /// grid. `out` holds, per row, the real parts of all those lines, then the imaginary ones.
+    pub fn copy_chunk(&self, row: usize, first_band: i64, out: &mut [f32]) {
+        let lines = out.len() / (2 * CHUNK);
+        for index in 0..lines / BAND {
+            let band = usize::try_from(first_band + index as i64).ok().and_then(|b| self.bands.get(b));
+            let out = out.chunks_exact_mut(2 * lines).map(|row| row.split_at_mut(lines));
+            let out = out.map(|(re, im)| (&mut re[index * BAND..][..BAND], &mut im[index * BAND..][..BAND]));
+            match band {
+                Some(band) if (band.lo..band.hi).contains(&row) => {
+                    let rows = band.rows[(row - band.lo) * 2 * BAND..].chunks_exact(2 * BAND);
+                    for ((re, im), row) in out.zip(rows) {
+                        re.copy_from_slice(&row[..BAND]);
+                        im.copy_from_slice(&row[BAND..]);
+                    }
                 }
-                _ => {
+                _ => out.for_each(|(re, im)| {
                     re.fill(0.0);
                     im.fill(0.0);
-                }
+                }),
             }
-            done += length;
         }
     }
 }
 
 impl Band {
-    fn fill(
-        &mut self,
-        first: usize,
-        lines: usize,
-        jobs: &Jobs,
-        tape: &BakedTape,
-        elevation: &ElevationTable,
-    ) {
+    fn fill(&mut self, first: usize, lines: usize, jobs: &Jobs, sources: Sources, scratch: &mut Scratch) {
         let from = jobs.starts[first.saturating_sub(1)] as usize;
         let jobs_here = &jobs.sorted[from..jobs.starts[first + lines] as usize];
-        let lo = jobs_here.iter().map(|job| job.lo).min().unwrap_or(0) as usize;
-        let hi = jobs_here.iter().map(|job| job.lo + job.count).max().unwrap_or(0) as usize;
-        (self.lo, self.hi) = (lo / TILE * TILE, hi.next_multiple_of(TILE));
-        let width = 2 * (self.hi - self.lo);
-        self.by_line.clear();
-        self.by_line.resize(lines.next_multiple_of(TILE) * width, 0.0);
+        self.lo = jobs_here.iter().map(|job| job.lo).min().unwrap_or(0) as usize;
+        self.hi = jobs_here.iter().map(|job| job.hi).max().unwrap_or(0) as usize;
+        let rows = self.hi - self.lo;
+        let width = 2 * rows;
+        let Scratch { by_line, mixed } = scratch;
+        by_line.clear();
+        by_line.resize(BAND * width, 0.0);
         for job in jobs_here {
-            let (line, lo) = (job.line as usize, job.lo as usize - self.lo);
+            let line = job.line as usize;
             if line < first {
                 // The column's left line belongs to the band before.
-                add_to_one(&mut self.by_line[..width], job, lo, job.fraction, tape, elevation);
+                let line = &mut by_line[..width];
+                add_column(job, self.lo, sources, mixed, |run| run.add_to_one(line, job.fraction));
             } else if line + 1 == first + lines {
-                let last = (lines - 1) * width;
-                add_to_one(&mut self.by_line[last..][..width], job, lo, 1.0 - job.fraction, tape, elevation);
+                let line = &mut by_line[(lines - 1) * width..][..width];
+                add_column(job, self.lo, sources, mixed, |run| run.add_to_one(line, 1.0 - job.fraction));
             } else {
-                let pair = &mut self.by_line[(line - first) * width..][..2 * width];
-                let (left, right) = pair.split_at_mut(width);
-                add_to_two(left, right, job, lo, tape, elevation);
+                let (left, right) = by_line[(line - first) * width..][..2 * width].split_at_mut(width);
+                add_column(job, self.lo, sources, mixed, |run| run.add_to_two(left, right, job.fraction));
             }
         }
+        // `resize` keeps old values; every one is overwritten.
+        self.rows.resize(rows * 2 * BAND, 0.0);
+        if rows > 0 {
+            transpose(by_line, width, rows, &mut self.rows);
+            transpose(&by_line[rows..], width, rows, &mut self.rows[BAND..]);
+        }
     }
+}
 
-    fn transpose(&mut self) {
-        let rows = self.hi - self.lo;
-        self.by_row.resize(rows * 2 * BAND, 0.0);
-        if rows == 0 {
+/// A run of one column through the slice: whole strides, so that no loop is left with odd ends.
+struct Run<'a> {
+    samples: &'a [u32],
+    weights: &'a [f32],
+    factor: [f32; 2],
+    /// First row, counted from the band's, and one past the last.
+    rows: [usize; 2],
+}
+
+/// Finds the runs of a column. `mixed` is scratch.
+#[inline(always)]
+fn add_column(job: &Job, band_lo: usize, sources: Sources, mixed: &mut Vec<f32>, mut add: impl FnMut(Run)) {
+    let (runs, weights) = sources.elevation.runs(job.crossing);
+    let samples = &sources.tape.samples[job.tape as usize..][..(job.hi - job.lo) as usize];
+    let stretches = sources.columns.stretches(job.stretches);
+    for run in runs {
+        let (lo, hi) = (run.lo.max(job.lo), run.hi.min(job.hi));
+        if lo >= hi {
+            continue;
+        }
+        let (row, count) = (lo as usize, (hi - lo) as usize);
+        let weights = &weights[run.first as usize + row - run.lo as usize..][..count];
+        // Scatterer n lies in row n + row_of_0.
+        let [lo, hi] = [lo, hi].map(|row| row as i32 - job.row_of_0);
+        let below = stretches.partition_point(|s| s.end <= lo);
+        let (weights, factor) = match stretches.get(below) {
+            Some(s) if s.start <= lo && hi <= s.end => {
+                (weights, [job.re * s.amplitude, job.im * s.amplitude])
+            }
+            _ => {
+                mix(weights, lo, &stretches[below..], mixed);
+                (&mixed[..], [job.re, job.im])
+            }
+        };
+        if factor != [0.0, 0.0] {
+            add(Run {
+                samples: &samples[row - job.lo as usize..][..count],
+                weights,
+                factor,
+                rows: [row - band_lo, row - band_lo + count],
+            });
+        }
+    }
+}
+
+/// Weights times the amplitudes of several materials; nothing where there is none.
+fn mix(weights: &[f32], first: i32, stretches: &[Stretch], mixed: &mut Vec<f32>) {
+    let count = weights.len() as i32;
+    mixed.clear();
+    for stretch in stretches {
+        let start = (stretch.start - first).clamp(0, count) as usize;
+        let end = stretch.end.saturating_sub(first).clamp(0, count) as usize;
+        mixed.resize(start, 0.0);
+        mixed.extend(weights[start..end].iter().map(|w| w * stretch.amplitude));
+        if end == weights.len() {
             return;
         }
-        for (tile, lines) in self.by_line.chunks_exact(TILE * 2 * rows).enumerate() {
-            for part in 0..2 {
-                for row in (0..rows).step_by(TILE) {
-                    let start = (row * 2 + part) * BAND + tile * TILE;
-                    let out = &mut self.by_row[start..][..(TILE - 1) * 2 * BAND + TILE];
-                    transpose_tile(&lines[part * rows + row..], 2 * rows, out, 2 * BAND);
-                }
-            }
+    }
+    mixed.resize(weights.len(), 0.0);
+}
+
+impl Run<'_> {
+    fn add_to_two(&self, left: &mut [f32], right: &mut [f32], fraction: f32) {
+        let (left_re, left_im) = self.parts(left);
+        let (right_re, right_im) = self.parts(right);
+        let share = [1.0 - fraction, fraction];
+        add_to_two(self.samples, self.weights, self.factor, share, left_re, left_im, right_re, right_im);
+    }
+
+    fn add_to_one(&self, line: &mut [f32], share: f32) {
+        let (line_re, line_im) = self.parts(line);
+        // The same products in the same order as for two lines, so that bands do not show in the sums.
+        for (i, (&sample, &weight)) in self.samples.iter().zip(self.weights).enumerate() {
+            let [re, im] = weighted(sample, weight, self.factor);
+            line_re[i] += share * re;
+            line_im[i] += share * im;
         }
+    }
+
+    fn parts<'l>(&self, line: &'l mut [f32]) -> (&'l mut [f32], &'l mut [f32]) {
+        let (re, im) = line.split_at_mut(line.len() / 2);
+        let [lo, hi] = self.rows;
+        (&mut re[lo..hi], &mut im[lo..hi])
     }
 }
 
-/// Transposes a tile by quads, which compile to shuffles.
 #[inline(always)]
-fn transpose_tile(source: &[f32], source_stride: usize, out: &mut [f32], out_stride: usize) {
-    for line in (0..TILE).step_by(4) {
-        let lines: [&[f32]; 4] = core::array::from_fn(|i| &source[(line + i) * source_stride..][..TILE]);
-        for row in (0..TILE).step_by(4) {
-            let quad: [[f32; 4]; 4] = core::array::from_fn(|i| core::array::from_fn(|j| lines[i][row + j]));
-            for j in 0..4 {
-                let column = [quad[0][j], quad[1][j], quad[2][j], quad[3][j]];
-                out[(row + j) * out_stride + line..][..4].copy_from_slice(&column);
-            }
-        }
-    }
-}
-
-struct Source<'a> {
-    re: &'a [f32],
-    im: &'a [f32],
-    weight: &'a [f32],
-}
-
-fn source<'a>(job: &Job, tape: &'a BakedTape, elevation: &'a ElevationTable) -> Source<'a> {
-    let (first, count) = (job.tape as usize, job.count as usize);
-    Source {
-        re: &tape.re[first..][..count],
-        im: &tape.im[first..][..count],
-        weight: elevation.weights(job.block, job.weight as usize, count),
-    }
-}
-
-fn parts(line: &mut [f32], lo: usize, count: usize) -> (&mut [f32], &mut [f32]) {
-    let half = line.len() / 2;
-    let (re, im) = line.split_at_mut(half);
-    (&mut re[lo..][..count], &mut im[lo..][..count])
-}
-
-fn add_to_two(
-    left: &mut [f32],
-    right: &mut [f32],
-    job: &Job,
-    lo: usize,
-    tape: &BakedTape,
-    elevation: &ElevationTable,
-) {
-    let s = source(job, tape, elevation);
-    let (left_re, left_im) = parts(left, lo, s.re.len());
-    let (right_re, right_im) = parts(right, lo, s.re.len());
-    let share = [1.0 - job.fraction, job.fraction];
-    multiply_add_two(s.re, s.im, s.weight, [job.re, job.im], share, left_re, left_im, right_re, right_im);
+fn weighted(sample: u32, weight: f32, [c_re, c_im]: [f32; 2]) -> [f32; 2] {
+    let [re, im] = unpack(sample);
+    [weight * (c_re * re - c_im * im), weight * (c_re * im + c_im * re)]
 }
 
 /// Not inlined: as arguments the slices are known to be apart, and the loop vectorises without checks.
 #[inline(never)]
-#[expect(clippy::too_many_arguments, reason = "seven streams and their factors")]
-fn multiply_add_two(
-    re: &[f32],
-    im: &[f32],
-    weight: &[f32],
-    [c_re, c_im]: [f32; 2],
+#[expect(clippy::too_many_arguments, reason = "six streams and their factors")]
+fn add_to_two(
+    samples: &[u32],
+    weights: &[f32],
+    factor: [f32; 2],
     [a, b]: [f32; 2],
     left_re: &mut [f32],
     left_im: &mut [f32],
     right_re: &mut [f32],
     right_im: &mut [f32],
 ) {
-    let count = re.len();
-    let (im, weight) = (&im[..count], &weight[..count]);
+    let count = samples.len();
+    let weights = &weights[..count];
     let (left_re, left_im) = (&mut left_re[..count], &mut left_im[..count]);
     let (right_re, right_im) = (&mut right_re[..count], &mut right_im[..count]);
     for i in 0..count {
-        let sum_re = weight[i] * (c_re * re[i] - c_im * im[i]);
-        let sum_im = weight[i] * (c_re * im[i] + c_im * re[i]);
-        left_re[i] += a * sum_re;
-        left_im[i] += a * sum_im;
-        right_re[i] += b * sum_re;
-        right_im[i] += b * sum_im;
+        let [re, im] = weighted(samples[i], weights[i], factor);
+        left_re[i] += a * re;
+        left_im[i] += a * im;
+        right_re[i] += b * re;
+        right_im[i] += b * im;
     }
 }
 
-fn add_to_one(
-    line: &mut [f32],
-    job: &Job,
-    lo: usize,
-    share: f32,
-    tape: &BakedTape,
-    elevation: &ElevationTable,
-) {
-    let s = source(job, tape, elevation);
-    let (line_re, line_im) = parts(line, lo, s.re.len());
-    // The same products in the same order as for two lines, so that bands do not show in the sums.
-    for i in 0..s.re.len() {
-        let re = s.weight[i] * (job.re * s.re[i] - job.im * s.im[i]);
-        let im = s.weight[i] * (job.re * s.im[i] + job.im * s.re[i]);
-        line_re[i] += share * re;
-        line_im[i] += share * im;
+/// Turns lines, `stride` apart, into rows of a band, by quads.
+fn transpose(source: &[f32], stride: usize, rows: usize, out: &mut [f32]) {
+    for line in (0..BAND).step_by(4) {
+        let lines = [0, 1, 2, 3].map(|i| source[(line + i) * stride..][..rows].as_chunks::<4>().0);
+        for quad in 0..rows / 4 {
+            let columns = f32x4::transpose(lines.map(|line| f32x4::new(line[quad])));
+            for (j, column) in columns.iter().enumerate() {
+                out[(4 * quad + j) * 2 * BAND + line..][..4].copy_from_slice(column.as_array());
+            }
+        }
     }
 }

@@ -4,6 +4,8 @@
 //! it gets the exact spread and not the working grid's few per cent. By linearity this equals adding it before
 //! the beam filters.
 
+use core::ops::Range;
+
 use crate::{
     beam::{Beam, exp_minus},
     jobs::floor,
@@ -16,8 +18,8 @@ const FLOOR: f64 = 0.003;
 const MAX_REACH: f64 = 4.0;
 /// Columns added at a time.
 const WIDTH: usize = 16;
-/// Rows of the highest stamp: 4 σ each way stay below it while σ_z is below two pixels.
-const MAX_HEIGHT: usize = 16;
+/// Rows added at a time.
+const HEIGHT: usize = 8;
 
 /// Layout of a field: columns and rows of display pixels.
 #[derive(Debug, Clone, Copy)]
@@ -61,8 +63,7 @@ pub fn prepare(beam: &Beam, echoes: &[Echo], layout: &Layout, rows: usize, stamp
         let reach = libm::log(over_floor).sqrt().min(MAX_REACH);
         let sigma_x = pixels(beam.sigma_lateral_m * beam.widening(echo.x_m, echo.z_m));
         let (row, column) = (pixels(echo.z_m), pixels(echo.x_m - layout.first_x_m));
-        let mut rows = range(row, reach * sigma_z, rows);
-        rows[1] = rows[1].min(rows[0] + MAX_HEIGHT as u32);
+        let rows = range(row, reach * sigma_z, rows);
         let columns = range(column, reach * sigma_x, layout.columns);
         if rows[0] < rows[1] && columns[0] < columns[1] {
             stamps.push(Stamp {
@@ -83,34 +84,38 @@ pub fn apply(stamps: &[Stamp], columns: usize, first_row: usize, field: &mut [f3
     let end_row = first_row + field.len() / (2 * columns);
     for stamp in stamps {
         let rows = (stamp.rows[0] as usize).max(first_row)..(stamp.rows[1] as usize).min(end_row);
-        if rows.is_empty() {
-            continue;
+        for first in rows.clone().step_by(HEIGHT) {
+            let rows = first..rows.end.min(first + HEIGHT);
+            apply_rows(stamp, columns, rows, &mut field[(first - first_row) * 2 * columns..]);
         }
-        let axial: [f32; MAX_HEIGHT] = core::array::from_fn(|i| {
-            let d = (rows.start + i) as i32 as f32 - stamp.row;
-            exp_minus((d * d * stamp.decay[0]).min(8.5))
+    }
+}
+
+/// Adds up to `HEIGHT` rows of a stamp; `field` begins at the first of them.
+fn apply_rows(stamp: &Stamp, columns: usize, rows: Range<usize>, field: &mut [f32]) {
+    let axial: [f32; HEIGHT] = core::array::from_fn(|i| {
+        let d = (rows.start + i) as i32 as f32 - stamp.row;
+        exp_minus((d * d * stamp.decay[0]).min(8.5))
+    });
+    let [mut left, right] = stamp.columns.map(|c| c as usize);
+    while left < right {
+        // Columns beyond the stamp's own get zero; near the right side the window moves in.
+        let first = left.min(columns - WIDTH);
+        let lateral: [f32; WIDTH] = core::array::from_fn(|i| {
+            let d = (first + i) as i32 as f32 - stamp.column;
+            let inside = first + i >= left && first + i < right;
+            if inside { exp_minus((d * d * stamp.decay[1]).min(8.5)) } else { 0.0 }
         });
-        let [mut left, right] = stamp.columns.map(|c| c as usize);
-        while left < right {
-            // Columns beyond the stamp's own get zero; near the right side the window moves in.
-            let first = left.min(columns - WIDTH);
-            let lateral: [f32; WIDTH] = core::array::from_fn(|i| {
-                let d = (first + i) as i32 as f32 - stamp.column;
-                let inside = first + i >= left && first + i < right;
-                if inside { exp_minus((d * d * stamp.decay[1]).min(8.5)) } else { 0.0 }
-            });
-            for (row, axial) in rows.clone().zip(axial) {
-                let (re, im) = (axial * stamp.re, axial * stamp.im);
-                let out = &mut field[(row - first_row) * 2 * columns..][..2 * columns];
-                let (out_re, out_im) = out.split_at_mut(columns);
-                for (out, l) in out_re[first..][..WIDTH].iter_mut().zip(&lateral) {
-                    *out += re * l;
-                }
-                for (out, l) in out_im[first..][..WIDTH].iter_mut().zip(&lateral) {
-                    *out += im * l;
-                }
+        for (out, axial) in field.chunks_exact_mut(2 * columns).zip(&axial[..rows.len()]) {
+            let (re, im) = (axial * stamp.re, axial * stamp.im);
+            let (out_re, out_im) = out.split_at_mut(columns);
+            for (out, l) in out_re[first..][..WIDTH].iter_mut().zip(&lateral) {
+                *out += re * l;
             }
-            left = first + WIDTH;
+            for (out, l) in out_im[first..][..WIDTH].iter_mut().zip(&lateral) {
+                *out += im * l;
+            }
         }
+        left = first + WIDTH;
     }
 }

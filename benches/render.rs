@@ -1,0 +1,53 @@
+//! One image of 640×480 with needle, attenuation, noise and compensation: `cargo bench -p sonoloop-benches`.
+
+use divan::Bencher;
+use rayon::ThreadPoolBuilder;
+use sonoloop_benches::{Scene, pose};
+
+fn main() {
+    divan::main();
+}
+
+/// Yaw, tilt out of plane, tilt in plane.
+const POSES: [(&str, [f64; 3]); 4] = [
+    ("upright", [0.0, 0.0, 0.0]),
+    ("yaw 30", [30.0, 0.0, 0.0]),
+    ("tilt 5 / 3", [10.0, 5.0, 3.0]),
+    ("tilt 30 / 30", [10.0, 30.0, 30.0]),
+];
+
+fn poses() -> impl Iterator<Item = &'static str> {
+    POSES.iter().map(|(name, _)| *name)
+}
+
+fn move_probe(bencher: Bencher, threads: usize, name: &str, tilt_step_deg: f64) {
+    let [yaw, out_of_plane, in_plane] = POSES.iter().find(|(n, _)| *n == name).expect("a pose").1;
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let mut scene = Scene::new(Some(40.0));
+    let mut step = 0;
+    bencher.bench_local(|| {
+        step += 1;
+        let (move_mm, tilt_deg) = (0.013 * f64::from(step % 64), tilt_step_deg * f64::from(step % 64));
+        let tilt = [out_of_plane + tilt_deg, in_plane - tilt_deg];
+        pool.install(|| scene.render(pose([move_mm, 0.7 * move_mm], yaw, tilt)).pixels[0])
+    });
+}
+
+/// Every image from another place and tilt: nothing can be used again.
+#[divan::bench(args = poses(), consts = [1, 2], sample_count = 60)]
+fn tilting<const THREADS: usize>(bencher: Bencher, name: &str) {
+    move_probe(bencher, THREADS, name, 0.01);
+}
+
+/// The probe slides over the phantom without tilting, as an arm moves it that follows a needle.
+#[divan::bench(args = poses(), consts = [1, 2], sample_count = 60)]
+fn sliding<const THREADS: usize>(bencher: Bencher, name: &str) {
+    move_probe(bencher, THREADS, name, 0.0);
+}
+
+#[divan::bench(consts = [1, 2], sample_count = 60)]
+fn at_rest<const THREADS: usize>(bencher: Bencher) {
+    let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("threads");
+    let mut scene = Scene::new(Some(40.0));
+    bencher.bench_local(|| pool.install(|| scene.render(pose([0.0, 0.0], 0.0, [0.0, 0.0])).pixels[0]));
+}
