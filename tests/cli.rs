@@ -1,6 +1,7 @@
 //! The command line: help, JSON, exit codes, and bad input of every kind.
 
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
 
 mod common;
 use common::{finish, program, root, sonoloop, start};
@@ -313,4 +314,20 @@ fn a_recorded_run_can_be_tracked_alone() {
 
     let finished = sonoloop(&["run", SCENARIO, "--record"]);
     assert_eq!(finished.code(), 2, "--record needs --out: {}", finished.stderr);
+}
+
+#[test]
+fn a_reader_that_leaves_early_is_no_fault() {
+    let mut list = program();
+    let mut list = list.arg("list").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("starts");
+    drop(list.stdout.take());
+    let finished = list.wait_with_output().expect("ends");
+    assert_eq!(finished.status.code(), Some(0), "{}", String::from_utf8_lossy(&finished.stderr));
+}
+
+#[test]
+fn a_report_that_cannot_be_written_is_refused_before_anything_runs() {
+    let finished = sonoloop(&["suite", "scenarios", "--junit", "no/such/folder/junit.xml"]);
+    assert_eq!(finished.code(), 2, "{}", finished.stderr);
+    assert!(finished.stderr.contains("--junit no/such/folder/junit.xml: there is no such folder"));
 }

@@ -58,6 +58,24 @@ fn lateral_recovery_holds_its_bounds_for_seeds_0_to_9() {
     });
 }
 
+/// Killed in mid-insertion: the needle stops by itself while nobody commands it, and goes on when the tracker is back.
+#[test]
+fn a_killed_tracker_stops_the_needle_until_it_is_back() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let out = folder.path().to_str().expect("plain path");
+    let finished = common::sonoloop(&["run", "scenarios/faults/tracker_killed.yaml", "--json", "--out", out]);
+    assert_eq!(finished.code(), 0, "{}", finished.stderr);
+    let events = std::fs::read_to_string(folder.path().join("events.csv")).expect("events.csv");
+    let mut rest = events.as_str();
+    for kind in ["tracker_killed", "watchdog", "needle_stopped", "tracker_restarted", "needle_resumed", "end"]
+    {
+        let (_, after) =
+            rest.split_once(kind).unwrap_or_else(|| panic!("{kind} is missing or early:\n{events}"));
+        rest = after;
+    }
+    assert!(events.contains("target_reached"), "{events}");
+}
+
 /// A scenario that a tracker passes without looking at the picture tests nothing.
 #[test]
 fn the_null_trackers_fail_every_scenario() {

@@ -18,9 +18,11 @@ pub mod peer;
 pub mod progress;
 pub mod record;
 pub mod remote;
+pub mod say;
 pub mod scenarios;
 pub mod sequence;
 pub mod session;
+pub mod steering;
 pub mod track_recorded;
 
 /// Parses the command line, does what it asks, and turns the outcome into the exit code.

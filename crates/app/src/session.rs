@@ -5,13 +5,15 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use sonoloop_scenario::{DisturbanceKind, Scenario};
-use sonoloop_types::{Acquisition, EndReason, Event, EventKind, Image, ImageGeometry, TrackState, Truth};
+use sonoloop_scenario::{DisturbanceKind, Scenario, add_disturbance};
+use sonoloop_types::{Acquisition, EndReason, Event, EventKind, Image, TrackState, Truth};
 use sonoloop_ultrasound::Renderer;
 use sonoloop_world::{World, WorldError};
 
+use crate::output::snake;
 use crate::peer::{Peer, PeerError};
 use crate::record::{ImageRow, ImageStore, Recording, TickRow, Timing, image_hash};
+use crate::steering::Request;
 
 /// The needle has come to rest when it has not moved for this long.
 const REST_TICKS: u64 = 400;
@@ -20,6 +22,10 @@ const REST_TICKS: u64 = 400;
 pub trait Watch {
     /// After each picture (with its answer, when there is one).
     fn image(&mut self, row: &ImageRow);
+    /// Before each picture is taken; returns when it may be, with what was asked for meanwhile.
+    fn before_image(&mut self, _truth: &Truth) -> Result<Vec<Request>, PeerError> {
+        Ok(Vec::new())
+    }
     /// True when the user asked for the end.
     fn interrupted(&mut self) -> bool {
         false
@@ -45,12 +51,9 @@ struct InFlight {
 
 /// A scenario made ready: every check that needs the world has passed.
 pub struct Session {
+    scenario: Scenario,
     world: World,
     renderer: Renderer,
-    geometry: ImageGeometry,
-    image_period_ticks: u64,
-    duration_ticks: u64,
-    target_tolerance_m: f64,
     spare: Vec<Image>,
 }
 
@@ -60,15 +63,7 @@ impl Session {
         let world = World::new(scenario)?;
         let renderer =
             Renderer::new(scenario.probe.clone(), scenario.needle.clone(), world.tissue(), scenario.seed);
-        Ok(Self {
-            world,
-            renderer,
-            geometry: scenario.probe.geometry,
-            image_period_ticks: scenario.image_period_ticks,
-            duration_ticks: scenario.duration_ticks,
-            target_tolerance_m: scenario.insertion.target_tolerance_m,
-            spare: Vec::new(),
-        })
+        Ok(Self { scenario: scenario.clone(), world, renderer, spare: Vec::new() })
     }
 
     /// Runs to the end. The recording is whole up to the end whatever the reason; the error, when there is one,
@@ -87,13 +82,14 @@ impl Session {
             end: EndReason::TimeOver,
             timing: Timing::default(),
             pixels,
+            disturbed: None,
         };
         let error = self.run_into(&mut recording, run_id, peer, watch).err();
         if let Some(error) = &error {
             recording.end = error.end_reason();
         }
         recording.events.extend(self.world.drain_events());
-        let detail = format!("{:?}", recording.end);
+        let detail = snake(&recording.end);
         recording.events.push(Event { tick: self.world.tick(), kind: EventKind::End, detail });
         peer.end(recording.end);
         (recording, error)
@@ -116,15 +112,19 @@ impl Session {
         let mut physics_ms = 0.0;
         let began = Instant::now();
 
-        for _ in 0..self.duration_ticks {
+        for _ in 0..self.scenario.duration_ticks {
             let tick = self.world.tick();
             if self.world.tracker_down() != down {
                 down = !down;
                 if down { peer.kill()? } else { peer.restart()? }
             }
-            if tick.is_multiple_of(self.image_period_ticks) {
+            if tick.is_multiple_of(self.scenario.image_period_ticks) {
                 if watch.interrupted() {
                     return Err(PeerError::Interrupted);
+                }
+                for request in watch.before_image(&self.world.truth())? {
+                    let detail = self.take_up(request, recording);
+                    recording.events.push(Event { tick, kind: EventKind::Control, detail });
                 }
                 if sequence > 0 {
                     recording.timing.physics_ms.push(physics_ms);
@@ -143,8 +143,8 @@ impl Session {
                     && command.estimate.state != state
                 {
                     state = command.estimate.state;
-                    let detail =
-                        format!("{:?}: {:?}, image {}", state, command.estimate.reason, command.answers);
+                    let (is, why) = (snake(&state), snake(&command.estimate.reason));
+                    let detail = format!("{is}: {why}, image {}", command.answers);
                     recording.events.push(Event { tick, kind: EventKind::StateChange, detail });
                 }
                 recording.images.push(row);
@@ -155,7 +155,10 @@ impl Session {
             let moving = truth.feed_m_s > 0.0;
             was_fed |= moving;
             rest_ticks = if moving { 0 } else { rest_ticks + 1 };
-            if was_fed && rest_ticks >= REST_TICKS && truth.target_distance_m <= self.target_tolerance_m {
+            if was_fed
+                && rest_ticks >= REST_TICKS
+                && truth.target_distance_m <= self.scenario.insertion.target_tolerance_m
+            {
                 recording.end = EndReason::TargetReached;
                 break;
             }
@@ -167,11 +170,26 @@ impl Session {
         Ok(())
     }
 
+    /// Does what an observer asked for, as far as it concerns the world; says what was done.
+    fn take_up(&mut self, request: Request, recording: &mut Recording) -> String {
+        let Some(entry) = request.disturbance else { return request.text };
+        let scenario = recording.disturbed.as_ref().unwrap_or(&self.scenario);
+        match add_disturbance(scenario, &entry, self.world.tick() + 1) {
+            Ok((scenario, kind)) => {
+                recording.disturbed = Some(scenario);
+                self.world.disturb(kind);
+                request.text
+            }
+            Err(why) => format!("refused: {why}: {entry}"),
+        }
+    }
+
     fn acquire(&mut self, sequence: u64, timing: &mut Timing) -> InFlight {
         let tick = self.world.tick();
         let slice = self.world.slice(sequence);
+        let geometry = self.scenario.probe.geometry;
         let mut image =
-            self.spare.pop().unwrap_or_else(|| Image::black(self.geometry.width_px, self.geometry.height_px));
+            self.spare.pop().unwrap_or_else(|| Image::black(geometry.width_px, geometry.height_px));
         let before = Instant::now();
         self.renderer.render(&slice, &mut image);
         timing.render_ms.push(before.elapsed().as_secs_f32() * 1e3);

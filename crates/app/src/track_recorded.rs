@@ -13,6 +13,7 @@ use sonoloop_types::{
 };
 
 use crate::error::AppError;
+use crate::say::say;
 use crate::sequence::Sequence;
 
 /// Name of the table in `--out DIR`.
@@ -141,7 +142,7 @@ pub fn run(args: &TrackRecorded) -> Result<(), AppError> {
         write_table(folder, &rows)
             .map_err(|error| AppError::Fault(format!("error: {}: {error}", folder.join(TABLE).display())))?;
     }
-    print!("{}", summary(&rows));
+    say(summary(&rows).trim_end());
     Ok(())
 }
 

@@ -7,7 +7,7 @@ use crate::document::{Change, Document, Origin, options as yaml};
 use crate::raw::RawScenario;
 use crate::source::Source;
 use crate::tree::{Node, Value};
-use crate::{LoadError, PhantomSpec, Scenario, randomize};
+use crate::{Disturbance, DisturbanceKind, LoadError, PhantomSpec, Scenario, randomize};
 
 /// What the command line adds to a scenario file.
 #[derive(Debug, Clone)]
@@ -46,6 +46,35 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scenario, LoadError> {
 /// As [`load`].
 pub fn load_text(path: &Path, text: &str, options: &LoadOptions) -> Result<Scenario, LoadError> {
     resolve(Source::from_text(path, text.to_owned())?, options)
+}
+
+/// A resolved scenario with one more disturbance, checked as if it had stood in the file; and what it does.
+/// `entry` is an entry of `disturbances` without its `at_s`, as YAML or JSON.
+///
+/// # Errors
+///
+/// As [`load`].
+pub fn add_disturbance(
+    scenario: &Scenario,
+    entry: &str,
+    tick: u64,
+) -> Result<(Scenario, DisturbanceKind), LoadError> {
+    let written = Document::parse(Source::from_text(&scenario.source, scenario.resolved_yaml.clone())?)?;
+    let mut node = serde_saphyr::from_str_with_options::<Node>(entry, yaml())
+        .map_err(|error| LoadError::new(&scenario.source, format!("`{entry}`: {error}")))?;
+    let at_s = tick as f64 / sonoloop_types::TICKS_PER_SECOND as f64;
+    node.set("at_s", Node::bare(Value::Float(at_s))).map_err(|why| LoadError::new(&scenario.source, why))?;
+    let mut tree = written.tree.clone();
+    tree.push("disturbances", node).map_err(|why| LoadError::new(&scenario.source, why))?;
+    let options = LoadOptions { resolve_randomize: false, ..LoadOptions::default() };
+    let text = written.resolve(&tree, Vec::new())?.source.text;
+    let changed = load_text(&scenario.source, &text, &options)?;
+    // The last of those at its tick: the order of the file is kept.
+    let after = changed.disturbances.partition_point(|disturbance| disturbance.tick <= tick);
+    match changed.disturbances[..after].last() {
+        Some(Disturbance { tick: begins, kind }) if *begins == tick => Ok((changed.clone(), *kind)),
+        _ => Err(LoadError::new(&scenario.source, format!("`{entry}` begins at no tick of its own"))),
+    }
 }
 
 /// Loads a probe's file.

@@ -156,6 +156,21 @@ impl Node {
         }
     }
 
+    /// Appends to the list at a key of the map at the top, which is made if there is none.
+    pub fn push(&mut self, key: &str, node: Node) -> Result<(), String> {
+        if self.get(key).is_none_or(|list| matches!(list.value, Value::Null)) {
+            self.set(key, Node::bare(Value::List(Vec::new())))?;
+        }
+        let Value::Map(entries) = &mut self.value else { return Err("the file is no block of keys".into()) };
+        match entries.iter_mut().find(|entry| entry.key == key).map(|entry| &mut entry.node.value) {
+            Some(Value::List(items)) => {
+                items.push(node);
+                Ok(())
+            }
+            _ => Err(format!("`{key}` is no list")),
+        }
+    }
+
     /// Takes a key out of the map at the top.
     pub fn remove(&mut self, key: &str) {
         if let Value::Map(entries) = &mut self.value {

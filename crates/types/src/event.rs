@@ -26,6 +26,8 @@ pub enum EventKind {
     TrackerKilled,
     /// The tracker is back.
     TrackerRestarted,
+    /// An observer asked for something.
+    Control,
     /// The run ended.
     End,
 }

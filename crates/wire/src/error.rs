@@ -98,6 +98,12 @@ pub enum WireError {
         /// The bound.
         limit: usize,
     },
+    /// A request that the simulator would refuse.
+    #[error("the request is refused: {detail}")]
+    Control {
+        /// Why.
+        detail: String,
+    },
     /// A termination signal arrived while waiting.
     #[error("interrupted by a signal")]
     Interrupted,

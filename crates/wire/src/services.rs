@@ -77,12 +77,23 @@ impl Services {
     }
 }
 
-/// The services of the truth's own domain.
-pub(crate) fn truth(node: &Node<Ipc>, mode: Mode) -> Result<(Typed<TruthMessage>, Events), WireError> {
-    Ok((
-        typed(node, mode, "sonoloop/truth", Sizes { history: 1, buffer: 64 })?,
-        events(node, mode, "sonoloop/truth")?,
-    ))
+/// The services of the observers' domain.
+pub(crate) struct ObserverServices {
+    pub(crate) truth: Typed<TruthMessage>,
+    pub(crate) truth_event: Events,
+    pub(crate) control: Bytes<BlobHeader>,
+    pub(crate) control_event: Events,
+}
+
+impl ObserverServices {
+    pub(crate) fn new(node: &Node<Ipc>, mode: Mode) -> Result<Self, WireError> {
+        Ok(Self {
+            truth: typed(node, mode, "sonoloop/truth", Sizes { history: 1, buffer: 64 })?,
+            truth_event: events(node, mode, "sonoloop/truth")?,
+            control: bytes(node, mode, "sonoloop/control", Sizes { history: 0, buffer: 16 })?,
+            control_event: events(node, mode, "sonoloop/control")?,
+        })
+    }
 }
 
 /// Makes this process's node in `domain`.

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use common::{PATIENCE, Watchdog, acquisition, command, domain, image, joined, leftovers, setup};
 use sonoloop_types::{CommandReceipt, EndReason, Image, Point, Refusal, Truth};
 use sonoloop_wire::{
-    Answer, Domain, Next, SimEndpoint, TrackerEndpoint, TrackerHello, TruthPublisher, TruthSubscriber, Wait,
+    Answer, Control, Domain, Next, Observer, ObserverHost, SimEndpoint, TrackerEndpoint, TrackerHello, Wait,
     WireError, layout::CommandMessage,
 };
 
@@ -235,8 +235,10 @@ fn the_truth_travels_on_a_domain_of_its_own() {
     let _watchdog = Watchdog::start();
     let (public, private) = (domain(), domain());
     let _sim = SimEndpoint::create(&public, &setup(RUN)).unwrap();
-    let publisher = TruthPublisher::create(&private, RUN).unwrap();
-    let subscriber = TruthSubscriber::open(&joined(&private), RUN, PATIENCE).unwrap();
+    let host = ObserverHost::create(&private, RUN).unwrap();
+    let mut observer = Observer::open(&joined(&private), PATIENCE).unwrap();
+    // Whoever has not seen the run cannot ask it for anything.
+    assert!(matches!(observer.ask(&Control::Pause), Err(WireError::Control { .. })));
     let truth = Truth {
         tick: 41,
         world_from_probe: common::pose(0.3),
@@ -252,11 +254,24 @@ fn the_truth_travels_on_a_domain_of_its_own() {
         min_joint_margin_rad: 0.4,
         collision: true,
     };
-    publisher.publish(&truth).unwrap();
-    assert_eq!(subscriber.next(PATIENCE).unwrap(), Wait::Got(truth));
+    host.publish(&truth).unwrap();
+    assert_eq!(observer.next(PATIENCE).unwrap(), Wait::Got(truth));
     // In the tracker's domain there is no such service.
-    let refused = TruthSubscriber::open(&joined(&public), RUN, Duration::ZERO);
+    let refused = Observer::open(&joined(&public), Duration::ZERO);
     assert!(matches!(refused, Err(WireError::Transport { .. })));
+
+    let knock = serde_json::from_str(r#"{"probe_knock": {"elevation_mm": 3}}"#).unwrap();
+    for control in [Control::Pause, Control::Step(2), Control::Disturb(knock), Control::Resume] {
+        observer.ask(&control).unwrap();
+        assert_eq!(host.next_control(PATIENCE).unwrap(), Wait::Got(Ok(control)));
+    }
+    assert_eq!(host.next_control(Duration::ZERO).unwrap(), Wait::TimedOut);
+    assert!(matches!(observer.ask(&Control::Step(0)), Err(WireError::Control { .. })));
+
+    // One who comes while the run is paused is given the newest truth.
+    let mut late = Observer::open(&joined(&private), PATIENCE).unwrap();
+    assert_eq!(host.next_control(Duration::from_millis(100)).unwrap(), Wait::TimedOut);
+    assert_eq!(late.next(PATIENCE).unwrap(), Wait::Got(truth));
 }
 
 #[test]

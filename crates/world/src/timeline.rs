@@ -8,6 +8,8 @@ use sonoloop_types::{Event, EventKind, Pose};
 #[derive(Debug, Clone)]
 pub(crate) struct Timeline {
     next: usize,
+    /// Asked for from outside, to begin with the next tick.
+    unscripted: Vec<DisturbanceKind>,
     /// Receiver gain on top of the probe's own.
     pub gain_db: f64,
     /// Needle echo on top of the needle's own.
@@ -32,6 +34,7 @@ impl Timeline {
     pub(crate) fn new(image_delay_ticks: u64) -> Self {
         Self {
             next: 0,
+            unscripted: Vec::new(),
             gain_db: 0.0,
             needle_gain_db: 0.0,
             image_delay_ticks,
@@ -55,6 +58,14 @@ impl Timeline {
             self.next += 1;
             events.push(self.begin(&disturbance.kind, tick));
         }
+        for kind in std::mem::take(&mut self.unscripted) {
+            events.push(self.begin(&kind, tick));
+        }
+    }
+
+    /// Lets something begin with the next tick, after what the scenario has for it.
+    pub(crate) fn add(&mut self, kind: DisturbanceKind) {
+        self.unscripted.push(kind);
     }
 
     fn begin(&mut self, kind: &DisturbanceKind, tick: u64) -> Event {

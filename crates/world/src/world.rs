@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use sonoloop_scenario::Scenario;
+use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
     Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Pose, Refusal, Setup, Slice, Tissue,
     Truth,
@@ -149,6 +149,12 @@ impl World {
         let receipt = self.state.inbox.refuse(answers, refusal);
         self.state.report(&receipt);
         receipt
+    }
+
+    /// Lets something go wrong that no scenario foresaw. It begins with the next tick, exactly as if the scenario
+    /// had it there, after the scenario's own.
+    pub fn disturb(&mut self, kind: DisturbanceKind) {
+        self.state.timeline.add(kind);
     }
 
     /// One tick (1 ms) onwards.

@@ -2,6 +2,7 @@
 
 use crate::cli::CheckArgs;
 use crate::error::{AppError, Outcome};
+use crate::say::say;
 use crate::scenarios::{find, prepare};
 
 /// Checks each scenario and says so; fails with the first one's error after all were tried.
@@ -9,7 +10,7 @@ pub fn check(args: &CheckArgs) -> Result<Outcome, AppError> {
     let mut first_error = None;
     for file in find(&args.paths)? {
         match prepare(&file, None, &[]) {
-            Ok((scenario, _)) => println!("{}: ok ({})", file.display(), scenario.description),
+            Ok((scenario, _)) => say(format_args!("{}: ok ({})", file.display(), scenario.description)),
             Err(error) => {
                 if first_error.is_some() {
                     eprintln!("{error}");

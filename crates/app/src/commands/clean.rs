@@ -1,11 +1,16 @@
 //! `sonoloop clean`: what killed runs left behind.
 
 use crate::error::{AppError, Outcome};
+use crate::say::say;
 
 /// Removes the shared memory of every domain whose lock is free.
 pub fn clean() -> Result<Outcome, AppError> {
     let report = sonoloop_wire::clean();
-    println!("{} left-over domains removed, {} live runs untouched", report.removed.len(), report.live);
+    say(format_args!(
+        "{} left-over domains removed, {} live runs untouched",
+        report.removed.len(),
+        report.live
+    ));
     if report.failed.is_empty() {
         return Ok(Outcome::Pass);
     }

@@ -6,6 +6,7 @@ use sonoloop_scenario::LoadOptions;
 
 use crate::cli::ListArgs;
 use crate::error::{AppError, Outcome};
+use crate::say::say;
 use crate::scenarios::find;
 
 /// Prints scenarios with their descriptions, then the files of the other kinds.
@@ -17,9 +18,9 @@ pub fn list(args: &ListArgs) -> Result<Outcome, AppError> {
             continue;
         }
         anything = true;
-        println!("{title}");
+        say(format_args!("{title}"));
         for file in find(&[folder])? {
-            println!("  {:<44} {}", file.display(), note(&file, title == "Scenarios"));
+            say(format_args!("  {:<44} {}", file.display(), note(&file, title == "Scenarios")));
         }
     }
     if anything {

@@ -5,6 +5,7 @@ use sonoloop_ultrasound::Renderer;
 
 use crate::cli::RenderArgs;
 use crate::error::{AppError, Outcome};
+use crate::say::say;
 
 /// The probe stands on the top face, pointing down, before yaw and tilt.
 fn phantom_from_probe(args: &RenderArgs) -> Pose {
@@ -78,6 +79,6 @@ pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
     Renderer::new(probe, needle_spec, sonoloop_world::tissue(&phantom), args.seed).render(&slice, &mut image);
     crate::output::write_png(&args.out, &image)
         .map_err(|e| AppError::Fault(format!("{}: {e}", args.out.display())))?;
-    println!("{}", args.out.display());
+    say(args.out.display());
     Ok(Outcome::Pass)
 }

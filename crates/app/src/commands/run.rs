@@ -1,6 +1,7 @@
 //! `sonoloop run`: one scenario, from file to verdict.
 
 use sonoloop_scenario::Scenario;
+use sonoloop_types::Truth;
 
 use crate::cli::{OutputArgs, RunArgs};
 use crate::controller::ControllerKind;
@@ -8,12 +9,14 @@ use crate::error::{AppError, Outcome};
 use crate::judge::{Facts, Judged, Metrics, metrics, passes, verdict};
 use crate::null::Null;
 use crate::output::{self, Summary};
-use crate::peer::{InProcess, NoTracker, Peer};
+use crate::peer::{InProcess, NoTracker, Peer, PeerError};
 use crate::progress::Progress;
-use crate::record::{ImageStore, Recording};
+use crate::record::{ImageRow, ImageStore, Recording};
 use crate::remote::{Remote, TrackerProcess};
+use crate::say::say;
 use crate::scenarios::prepare;
-use crate::session::{Nobody, Session, needs_checkpoints};
+use crate::session::{Nobody, Session, Watch, needs_checkpoints};
+use crate::steering::{Request, Steering};
 
 /// A run that is over, judged.
 pub struct Finished {
@@ -53,7 +56,7 @@ pub fn execute_in_process(
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Every message of a run carries its id, so that a stray one is told from its own. It never reaches the run's state.
-fn run_id() -> u64 {
+pub fn run_id() -> u64 {
     let since_1970 = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     (u64::from(std::process::id()) << 40) ^ since_1970.as_nanos() as u64 | 1
 }
@@ -71,7 +74,27 @@ pub fn run(args: &RunArgs) -> Result<Outcome, AppError> {
         }
         Some(command) => Box::new(remote(TrackerProcess::Command(command.to_owned()))?),
     };
-    finish(&scenario, session, peer, &args.output)
+    finish(&scenario, session, peer, run_id(), None, &args.output)
+}
+
+/// Shows a run's progress, and lets observers in where there may be any.
+struct Watchers {
+    progress: Progress,
+    steering: Option<Steering>,
+}
+
+impl Watch for Watchers {
+    fn image(&mut self, row: &ImageRow) {
+        self.progress.image(row);
+    }
+
+    fn before_image(&mut self, truth: &Truth) -> Result<Vec<Request>, PeerError> {
+        self.steering.as_mut().map_or(Ok(Vec::new()), |steering| steering.before_image(truth))
+    }
+
+    fn interrupted(&mut self) -> bool {
+        self.progress.interrupted()
+    }
 }
 
 fn remote(process: TrackerProcess) -> Result<Remote, AppError> {
@@ -83,6 +106,8 @@ pub fn finish(
     scenario: &Scenario,
     session: Session,
     mut peer: Box<dyn Peer>,
+    run_id: u64,
+    steering: Option<Steering>,
     args: &OutputArgs,
 ) -> Result<Outcome, AppError> {
     if let Some(folder) = args.out.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
@@ -95,11 +120,12 @@ pub fn finish(
         args.out.as_ref().map(|_| ImageStore::new()).transpose().map_err(|e| {
             AppError::Fault(format!("the pictures cannot be kept in the temporary folder: {e}"))
         })?;
-    let mut progress = Progress::new(scenario);
-    let (recording, error) = session.run(run_id(), peer.as_mut(), &mut progress, pixels);
+    let mut watchers = Watchers { progress: Progress::new(scenario), steering };
+    let (recording, error) = session.run(run_id, peer.as_mut(), &mut watchers, pixels);
+    watchers.progress.finish();
     // Shared memory is gone before files are written: a full disk must not leave it behind.
-    drop(peer);
-    progress.finish();
+    drop((peer, watchers));
+    let scenario = recording.disturbed.as_ref().unwrap_or(scenario);
     let (metrics, judged) = judge(scenario, &recording);
     let outcome = output::Outcome {
         scenario,
@@ -121,11 +147,11 @@ pub fn finish(
     }
     let summary = outcome.summary();
     if args.json {
-        print!("{}", summary.to_json());
+        say(summary.to_json().trim_end());
     } else {
-        print!("{}", output::metrics_table(&metrics, &judged));
-        println!("{}", speed_text(&summary));
-        println!("{}  seed {}  {}", scenario.name, scenario.seed, output::verdict_text(&judged));
+        say(output::metrics_table(&metrics, &judged).trim_end());
+        say(speed_text(&summary));
+        say(format_args!("{}  seed {}  {}", scenario.name, scenario.seed, output::verdict_text(&judged)));
     }
     Ok(if passes(&judged) { Outcome::Pass } else { Outcome::Fail })
 }

@@ -2,23 +2,29 @@
 
 use std::time::Duration;
 
-use super::run::finish;
+use super::run::{finish, run_id};
 use crate::cli::SimArgs;
 use crate::error::{AppError, Outcome};
 use crate::remote::{Remote, TrackerProcess};
 use crate::scenarios::prepare;
+use crate::steering::Steering;
 
 /// Creates the domain, says how to join it, waits, runs.
 pub fn sim(args: &SimArgs) -> Result<Outcome, AppError> {
     let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
     let process = TrackerProcess::Elsewhere { wait: Duration::from_secs(args.wait_s) };
     let remote = Remote::create(process).map_err(AppError::fault)?;
-    let domain = remote.domain();
+    let run_id = run_id();
+    let steering = Steering::create(run_id).map_err(AppError::fault)?;
+    let (domain, observers) = (remote.domain(), steering.domain());
     eprintln!(
-        "waiting {} s for a tracker; join with\n  sonoloop track --domain {} --root {}",
+        "waiting {} s for a tracker; join with\n  sonoloop track --domain {} --root {}\n\
+         observers (docs/wire.md) join with\n  domain {} root {}",
         args.wait_s,
         domain.name(),
-        domain.root().display()
+        domain.root().display(),
+        observers.name(),
+        observers.root().display()
     );
-    finish(&scenario, session, Box::new(remote), &args.output)
+    finish(&scenario, session, Box::new(remote), run_id, Some(steering), &args.output)
 }

@@ -14,6 +14,7 @@ use crate::cli::SuiteArgs;
 use crate::controller::ControllerKind;
 use crate::error::{AppError, Outcome};
 use crate::output::{Case as JunitCase, CaseResult, junit_xml, wilson};
+use crate::say::say;
 use crate::scenarios::{find, prepare};
 
 struct Case {
@@ -24,6 +25,13 @@ struct Case {
 
 /// Runs them all; fails when one fails.
 pub fn suite(args: &SuiteArgs) -> Result<Outcome, AppError> {
+    if let Some(file) = &args.junit {
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if file.is_dir() || folder.is_some_and(|folder| !folder.is_dir()) {
+            let why = if file.is_dir() { "this is a folder" } else { "there is no such folder" };
+            return Err(AppError::BadInput(format!("error: --junit {}: {why}", file.display())));
+        }
+    }
     let mut cases = Vec::new();
     for file in find(&args.paths)? {
         // Everything is checked before anything runs.
@@ -106,11 +114,11 @@ fn report(
                 Err(error) => json!({"scenario": case.file, "seed": case.seed, "error": error.to_string()}),
             })
             .collect();
-        println!("{}", json!({"runs": runs, "rates": rates}));
+        say(json!({"runs": runs, "rates": rates}));
     } else {
         for (file, (passed, runs)) in &per_file {
             let (low, high) = wilson(*passed, *runs);
-            println!("{file:<44} {passed:>3}/{runs:<3}  95 % interval {low:.3}–{high:.3}");
+            say(format_args!("{file:<44} {passed:>3}/{runs:<3}  95 % interval {low:.3}–{high:.3}"));
         }
     }
     if let Some(file) = &args.junit {
@@ -128,8 +136,10 @@ fn report(
                 },
             })
             .collect();
-        std::fs::write(file, junit_xml("sonoloop", &cases))
-            .map_err(|e| AppError::Fault(format!("{}: {e}", file.display())))?;
+        let fault = |e: std::io::Error| AppError::Fault(format!("{}: {e}", file.display()));
+        let half_written = file.with_extension("xml.part");
+        std::fs::write(&half_written, junit_xml("sonoloop", &cases)).map_err(fault)?;
+        std::fs::rename(&half_written, file).map_err(fault)?;
     }
     if let Some(Err(error)) = results.iter().find(|r| r.is_err()) {
         return Err(AppError::Fault(error.to_string()));

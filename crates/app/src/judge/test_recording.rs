@@ -88,6 +88,7 @@ pub(crate) fn recording(ticks: Vec<TickRow>, images: Vec<ImageRow>) -> Recording
         end: EndReason::TargetReached,
         timing: Timing::default(),
         pixels: None,
+        disturbed: None,
     }
 }
 

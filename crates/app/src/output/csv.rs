@@ -89,7 +89,7 @@ fn without_minus_zero(text: String) -> String {
 }
 
 /// The name under which a unit variant is written in every file, `snake_case`.
-pub(super) fn snake(variant: &impl Serialize) -> String {
+pub(crate) fn snake(variant: &impl Serialize) -> String {
     match serde_json::to_value(variant) {
         Ok(serde_json::Value::String(name)) => name,
         _ => String::new(),

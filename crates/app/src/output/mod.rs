@@ -23,6 +23,7 @@ mod tests;
 mod video;
 mod wilson;
 
+pub(crate) use csv::snake;
 pub use csv::{events_csv, images_csv};
 pub use error::OutputError;
 pub use junit::{Case, CaseResult, junit_xml};

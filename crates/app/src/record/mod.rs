@@ -6,6 +6,7 @@ mod store;
 pub use hash::{image_hash, xxh64};
 pub use store::ImageStore;
 
+use sonoloop_scenario::Scenario;
 use sonoloop_types::{Acquisition, Command, EndReason, Event, TrackState, Truth};
 
 /// What really was the case at one tick; the part of [`Truth`] that the judge and the plots need.
@@ -87,6 +88,9 @@ pub struct Recording {
     pub timing: Timing,
     /// The pictures, in the order of `images`; kept only when something asks for them.
     pub pixels: Option<ImageStore>,
+    /// The scenario with the disturbances that observers added, which gives the same run again; `None` when nobody
+    /// did.
+    pub disturbed: Option<Scenario>,
 }
 
 /// How long things took by the clock; goes to the summary, never to a file that runs are compared by.
