@@ -26,9 +26,14 @@ struct Case {
 /// Runs them all; fails when one fails.
 pub fn suite(args: &SuiteArgs) -> Result<Outcome, AppError> {
     if let Some(file) = &args.junit {
-        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-        if file.is_dir() || folder.is_some_and(|folder| !folder.is_dir()) {
-            let why = if file.is_dir() { "this is a folder" } else { "there is no such folder" };
+        // Found out before anything runs; the folder itself is made when there is something to put into it.
+        let in_the_way = file.ancestors().skip(1).find(|folder| folder.exists() && !folder.is_dir());
+        let why = match in_the_way {
+            Some(folder) => format!("{} is a file, not a folder", folder.display()),
+            None if file.is_dir() => "this is a folder".to_owned(),
+            None => String::new(),
+        };
+        if !why.is_empty() {
             return Err(AppError::BadInput(format!("error: --junit {}: {why}", file.display())));
         }
     }
@@ -137,6 +142,9 @@ fn report(
             })
             .collect();
         let fault = |e: std::io::Error| AppError::Fault(format!("{}: {e}", file.display()));
+        if let Some(folder) = file.parent() {
+            std::fs::create_dir_all(folder).map_err(fault)?;
+        }
         let half_written = file.with_extension("xml.part");
         std::fs::write(&half_written, junit_xml("sonoloop", &cases)).map_err(fault)?;
         std::fs::rename(&half_written, file).map_err(fault)?;
