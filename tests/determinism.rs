@@ -36,7 +36,12 @@ fn compare(scenario: &str) {
     assert_same(&first, &run("second", &[], Some("1")), "second run, one thread");
     assert_same(&first, &run("third", &["--in-process"], Some("3")), "in process, three threads");
     let resolved = out("first").join("scenario.yaml");
-    assert!(std::fs::read_to_string(resolved).expect("scenario.yaml").contains("seed"));
+    let resolved = resolved.to_str().expect("plain path");
+    let again = out("again");
+    let finished =
+        sonoloop(&["run", resolved, "--in-process", "--json", "--out", again.to_str().expect("path")]);
+    assert!(finished.code() < 2, "{}", finished.stderr);
+    assert_same(&first, &images_csv(&again), "the scenario that the run has written");
 }
 
 #[test]

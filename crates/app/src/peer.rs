@@ -52,6 +52,10 @@ pub trait Peer {
     fn strays(&mut self) -> Vec<CommandReceipt> {
         Vec::new()
     }
+    /// False where the tracker is somebody else's, who alone can kill it and start it again.
+    fn can_kill(&self) -> bool {
+        true
+    }
     /// Kills the tracker without warning.
     fn kill(&mut self) -> Result<(), PeerError>;
     /// Starts a killed tracker again, with its last checkpoint.

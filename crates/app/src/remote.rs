@@ -140,6 +140,10 @@ impl Peer for Remote {
         self.endpoint.as_ref().map_or_else(Vec::new, SimEndpoint::take_refusals)
     }
 
+    fn can_kill(&self) -> bool {
+        !matches!(self.process, TrackerProcess::Elsewhere { .. })
+    }
+
     fn kill(&mut self) -> Result<(), PeerError> {
         if let Some(mut child) = self.child.take() {
             child.kill().and_then(|()| child.wait()).map_err(|e| PeerError::Fault(e.to_string()))?;

@@ -18,13 +18,13 @@ use crate::steering::Request;
 /// The needle has come to rest when it has not moved for this long.
 const REST_TICKS: u64 = 400;
 
-/// Somebody who watches a run without touching it.
+/// Somebody who watches a run, and may hold or disturb it.
 pub trait Watch {
     /// After each picture (with its answer, when there is one).
     fn image(&mut self, row: &ImageRow);
-    /// Before each picture is taken; returns when it may be, with what was asked for meanwhile.
-    fn before_image(&mut self, _truth: &Truth) -> Result<Vec<Request>, PeerError> {
-        Ok(Vec::new())
+    /// Before each picture is taken; returns when it may be. What was asked for meanwhile is added to the requests.
+    fn before_image(&mut self, _truth: &Truth, _requests: &mut Vec<Request>) -> Result<(), PeerError> {
+        Ok(())
     }
     /// True when the user asked for the end.
     fn interrupted(&mut self) -> bool {
@@ -111,6 +111,8 @@ impl Session {
         let mut sequence = 0;
         let mut physics_ms = 0.0;
         let began = Instant::now();
+        // Time that observers held the run is not its own.
+        let mut held_s = 0.0;
 
         for _ in 0..self.scenario.duration_ticks {
             let tick = self.world.tick();
@@ -122,10 +124,15 @@ impl Session {
                 if watch.interrupted() {
                     return Err(PeerError::Interrupted);
                 }
-                for request in watch.before_image(&self.world.truth())? {
-                    let detail = self.take_up(request, recording);
+                let before = Instant::now();
+                let mut requests = Vec::new();
+                let held = watch.before_image(&self.world.truth(), &mut requests);
+                held_s += before.elapsed().as_secs_f64();
+                for request in requests {
+                    let detail = self.take_up(request, peer, recording);
                     recording.events.push(Event { tick, kind: EventKind::Control, detail });
                 }
+                held?;
                 if sequence > 0 {
                     recording.timing.physics_ms.push(physics_ms);
                     physics_ms = 0.0;
@@ -138,7 +145,7 @@ impl Session {
                 let Some(mut due) = in_flight.pop_front() else { break };
                 due.publication_tick = tick;
                 let row = self.hand_out(due, down, peer, watch, recording)?;
-                recording.timing.wall_s = began.elapsed().as_secs_f64();
+                recording.timing.wall_s = began.elapsed().as_secs_f64() - held_s;
                 if let Some(command) = &row.command
                     && command.estimate.state != state
                 {
@@ -171,10 +178,13 @@ impl Session {
     }
 
     /// Does what an observer asked for, as far as it concerns the world; says what was done.
-    fn take_up(&mut self, request: Request, recording: &mut Recording) -> String {
+    fn take_up(&mut self, request: Request, peer: &dyn Peer, recording: &mut Recording) -> String {
         let Some(entry) = request.disturbance else { return request.text };
         let scenario = recording.disturbed.as_ref().unwrap_or(&self.scenario);
         match add_disturbance(scenario, &entry, self.world.tick() + 1) {
+            Ok((_, DisturbanceKind::TrackerKilled { .. })) if !peer.can_kill() => {
+                format!("refused: the tracker was started elsewhere: {entry}")
+            }
             Ok((scenario, kind)) => {
                 recording.disturbed = Some(scenario);
                 self.world.disturb(kind);

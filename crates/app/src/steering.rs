@@ -10,6 +10,11 @@ use crate::peer::PeerError;
 /// How long a held run sleeps before it looks again whether it was interrupted.
 const LOOK: Duration = Duration::from_millis(50);
 
+/// How far a paced run may fall behind before the clock is set anew.
+const LAG: Duration = Duration::from_millis(100);
+/// Requests taken up before one image of a run that is not held: more must not keep it from going on.
+const REQUESTS: usize = 16;
+
 /// A request, taken up before an image. Requests about time change nothing that is simulated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
@@ -47,56 +52,94 @@ impl Steering {
     }
 
     /// Tells the truth and takes requests; returns when the next image is to be taken.
-    pub fn before_image(&mut self, truth: &Truth) -> Result<Vec<Request>, PeerError> {
-        self.host.publish(truth).map_err(fault)?;
-        let mut requests = Vec::new();
+    pub fn before_image(&mut self, truth: &Truth, requests: &mut Vec<Request>) -> Result<(), PeerError> {
+        self.host.publish(truth, false).map_err(fault)?;
+        if let Some(pace) = &mut self.pace {
+            pace.forgive(truth.tick);
+        }
+        let mut told = false;
         loop {
-            let wait = match (self.images_left, self.early(truth.tick)) {
-                (Some(0), _) => LOOK,
-                (_, early) => early.min(LOOK),
-            };
+            let held = self.images_left == Some(0);
+            if held && !told {
+                self.host.publish(truth, true).map_err(fault)?;
+            }
+            told = held;
+            if !held && requests.len() >= REQUESTS {
+                break;
+            }
+            let early = self.pace.as_ref().map_or(Duration::ZERO, |pace| pace.early(truth.tick));
+            let wait = if held { LOOK } else { early.min(LOOK) };
             match self.host.next_control(wait).map_err(fault)? {
                 Wait::Got(Ok(control)) => requests.push(self.take(control, truth.tick)),
                 Wait::Got(Err(why)) => {
                     requests.push(Request { text: format!("refused: {why}"), disturbance: None });
                 }
                 Wait::Interrupted => return Err(PeerError::Interrupted),
-                Wait::TimedOut | Wait::Gone if self.images_left == Some(0) => {}
-                Wait::TimedOut | Wait::Gone if self.early(truth.tick).is_zero() => break,
+                Wait::TimedOut | Wait::Gone if !held && early.is_zero() => break,
                 Wait::TimedOut | Wait::Gone => {}
             }
         }
         self.images_left = self.images_left.map(|left| left - 1);
-        Ok(requests)
+        Ok(())
     }
 
     fn take(&mut self, control: Control, tick: u64) -> Request {
         let text = serde_json::to_string(&control).unwrap_or_else(|error| error.to_string());
         let mut disturbance = None;
+        let was_held = self.images_left == Some(0);
         match control {
             Control::Pause => self.images_left = Some(0),
             Control::Resume => self.images_left = None,
             Control::Step(images) => self.images_left = Some(images),
-            Control::Speed(speed) => {
-                self.pace = speed.map(|speed| Pace { speed, since: Instant::now(), since_tick: tick });
-            }
+            Control::Speed(speed) => self.pace = speed.map(|speed| Pace::new(speed, tick)),
             Control::Disturb(entry) => disturbance = Some(serde_json::Value::Object(entry).to_string()),
         }
         // Time that a held run stood still is not made up for.
-        if let Some(pace) = &mut self.pace {
-            (pace.since, pace.since_tick) = (Instant::now(), tick);
+        if let Some(pace) = self.pace.as_mut().filter(|_| was_held) {
+            *pace = Pace::new(pace.speed, tick);
         }
         Request { text, disturbance }
+    }
+}
+
+impl Pace {
+    fn new(speed: f64, tick: u64) -> Self {
+        Self { speed, since: Instant::now(), since_tick: tick }
+    }
+
+    /// When `tick` is due, counted from `since`.
+    fn due(&self, tick: u64) -> Duration {
+        let simulated_s = tick.saturating_sub(self.since_tick) as f64 / TICKS_PER_SECOND as f64;
+        Duration::from_secs_f64(simulated_s / self.speed)
     }
 
     /// How much too early `tick` is by the clock.
     fn early(&self, tick: u64) -> Duration {
-        let Some(pace) = &self.pace else { return Duration::ZERO };
-        let simulated_s = tick.saturating_sub(pace.since_tick) as f64 / TICKS_PER_SECOND as f64;
-        Duration::from_secs_f64(simulated_s / pace.speed).saturating_sub(pace.since.elapsed())
+        self.due(tick).saturating_sub(self.since.elapsed())
+    }
+
+    /// A run that has fallen behind goes on at its pace from here, instead of hurrying.
+    fn forgive(&mut self, tick: u64) {
+        if self.since.elapsed() > self.due(tick) + LAG {
+            *self = Self::new(self.speed, tick);
+        }
     }
 }
 
 fn fault(error: WireError) -> PeerError {
     PeerError::Fault(error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pace_asks_for_simulated_over_real_seconds() {
+        let pace = Pace::new(0.5, 1000);
+        assert_eq!(pace.due(1000), Duration::ZERO);
+        assert_eq!(pace.due(1500), Duration::from_secs(1));
+        // A tick before the pace was set is due at once.
+        assert_eq!(pace.due(500), Duration::ZERO);
+    }
 }

@@ -20,6 +20,7 @@ mod metrics;
 mod model;
 mod randomize;
 mod raw;
+mod relocate;
 mod schema;
 mod source;
 mod tree;

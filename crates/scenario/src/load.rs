@@ -71,8 +71,8 @@ pub fn add_disturbance(
     let changed = load_text(&scenario.source, &text, &options)?;
     // The last of those at its tick: the order of the file is kept.
     let after = changed.disturbances.partition_point(|disturbance| disturbance.tick <= tick);
-    match changed.disturbances[..after].last() {
-        Some(Disturbance { tick: begins, kind }) if *begins == tick => Ok((changed.clone(), *kind)),
+    match changed.disturbances[..after].last().copied() {
+        Some(Disturbance { tick: begins, kind }) if begins == tick => Ok((changed, kind)),
         _ => Err(LoadError::new(&scenario.source, format!("`{entry}` begins at no tick of its own"))),
     }
 }

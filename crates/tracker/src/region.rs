@@ -138,6 +138,10 @@ fn read_line(image: &Image, scale: usize, picture: [usize; 2], first: i64, v: i6
 /// Means of `scale`² pixels, for neighbouring coarse pixels of coarse row `v` from `u` on.
 fn add_coarse(image: &Image, scale: usize, v: usize, u: usize, line: &mut [f32]) {
     line.fill(0.0);
+    debug_assert!(
+        scale == 2 || scale == 4,
+        "coarse regions are made at half and a quarter of the resolution"
+    );
     for dv in 0..scale {
         let row = &image.row((v * scale + dv) as u32)[u * scale..];
         match scale {
@@ -212,5 +216,26 @@ mod tests {
         // Mean of 3u + 2v over the block {2, 3} × {4, 5}.
         assert_eq!(region.grey[2 * 20 + 1], 3.0 * 2.5 + 2.0 * 4.5);
         assert_eq!(region.picture, [20, 15]);
+    }
+
+    #[test]
+    fn truth_scaled_pixels_beyond_the_edge_repeat_it() {
+        for scale in [2_usize, 4] {
+            let [width, height] = [40 / scale as i64, 30 / scale as i64];
+            // The block mean of a ramp is its value at the block's middle.
+            let middle =
+                |k: i64, last: i64| (k.clamp(0, last) * scale as i64) as f32 + (scale - 1) as f32 / 2.0;
+            let mean = |u: i64, v: i64| 3.0 * middle(u, width - 1) + 2.0 * middle(v, height - 1);
+            let mut region = Region::default();
+            // Over every edge, and wholly outside on either side.
+            for first_u in [-3, -60, 50] {
+                let size = [width as usize + 6, height as usize + 6];
+                region.fill(&ramp(), &[1.0], scale, [first_u, -3], size);
+                for (k, grey) in region.grey.iter().enumerate() {
+                    let (u, v) = (first_u + (k % size[0]) as i64, (k / size[0]) as i64 - 3);
+                    assert_eq!(*grey, mean(u, v), "scale {scale}, ({u}, {v})");
+                }
+            }
+        }
     }
 }

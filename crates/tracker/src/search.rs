@@ -290,9 +290,15 @@ mod tests {
 
     #[test]
     fn truth_the_map_agrees_with_a_plain_weighted_ncc() {
-        let image = picture();
-        let mut search = Search::new(&cut(&image, [60.0, 40.0], 20), 1.5, 3.0, [160, 120]);
-        let count = [4, 3];
+        let mut image = picture();
+        let template = cut(&image, [60.0, 40.0], 20);
+        // Black on the right: whole blocks of windows are flat, and one is in part.
+        for row in image.pixels.chunks_exact_mut(160) {
+            row[80..].fill(0);
+        }
+        let mut search = Search::new(&template, 1.5, 3.0, [160, 120]);
+        // Two blocks and a rest.
+        let count = [2 * BLOCK + 5, 3];
         search.region.fill(
             &image,
             &search.taps,
@@ -302,6 +308,7 @@ mod tests {
         );
         search.correlate(count);
         let (side, width) = (search.side, search.region.size[0]);
+        let mut flat = 0;
         for y in 0..count[1] {
             for x in 0..count[0] {
                 let [mut s, mut ss, mut st] = [0.0_f64; 3];
@@ -315,10 +322,14 @@ mod tests {
                     }
                 }
                 let energy = ss - s * s / f64::from(search.weight_sum);
-                let expected = st / (energy * f64::from(search.energy)).sqrt();
-                assert!((f64::from(search.map[y * count[0] + x]) - expected).abs() < 1e-3);
+                let is_flat = energy <= f64::from(FLAT * search.weight_sum);
+                flat += usize::from(is_flat);
+                let expected = if is_flat { -1.0 } else { st / (energy * f64::from(search.energy)).sqrt() };
+                let ncc = f64::from(search.map[y * count[0] + x]);
+                assert!((ncc - expected).abs() < 1e-3, "({x}, {y}): {ncc} instead of {expected}");
             }
         }
+        assert!((BLOCK..2 * BLOCK * count[1]).contains(&flat), "{flat} flat windows");
     }
 
     #[test]

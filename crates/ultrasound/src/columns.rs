@@ -27,12 +27,6 @@ pub struct Range {
     count: u32,
 }
 
-impl Range {
-    pub fn is_empty(self) -> bool {
-        self.count == 0
-    }
-}
-
 /// Tissue as seen by the lattice.
 pub struct Columns {
     tissue: Tissue,
@@ -83,6 +77,11 @@ impl Columns {
     /// The stretches of a column from the top down.
     pub fn stretches(&self, range: Range) -> &[Stretch] {
         &self.stretches[range.first as usize..][..range.count as usize]
+    }
+
+    /// One past the deepest scatterer of a column; 0 where there is none.
+    pub fn end(&self, range: Range) -> i32 {
+        self.stretches(range).last().map_or(0, |stretch| stretch.end)
     }
 
     /// Where the stretches of a column are kept; an empty range outside the phantom.

@@ -12,6 +12,8 @@ use crate::{
 const BIN_M: f64 = 0.02e-3;
 /// Rows between two looks at whether a column is inside the slice; runs start and end at multiples of it.
 pub const STRIDE: usize = 8;
+/// [`exp_minus`] holds up to here.
+const MAX_EXPONENT: f32 = 8.5;
 /// Bins that one task fills.
 const BLOCK: usize = 64;
 
@@ -50,7 +52,7 @@ pub struct ElevationTable {
     reach_m: Vec<f32>,
     /// e − e′ by row.
     drift_m: Vec<f32>,
-    /// What the table was made for: rows, their distance, slope.
+    /// What the table was made for: rows, their distance in metres, elevational slope.
     made_for: Option<(usize, f64, f64)>,
 }
 
@@ -140,20 +142,18 @@ impl Block {
         let (lo, hi) = shear.rows_within(e_m, shear.elevation_slope, widest_m);
         let (lo, hi, e) = (lo / STRIDE * STRIDE, hi.next_multiple_of(STRIDE), e_m as f32);
         let inside = |row: usize| (e + drift_m[row]).abs() <= reach_m[row];
-        // Looked at every STRIDE rows: a stride counts when either end is inside.
-        let (mut row, mut here) = (lo, lo < hi && inside(lo));
+        // Looked at where a stride begins and ends: one that is crossed between them has e of both signs.
+        let counts = |row: usize| {
+            let last = row + STRIDE - 1;
+            inside(row) || inside(last) || (e + drift_m[row]) * (e + drift_m[last]) <= 0.0
+        };
+        let mut row = lo;
         while row < hi {
             let start = row;
-            let mut any = false;
-            while row < hi {
-                let next = row + STRIDE;
-                let there = inside(next - 1);
-                let counts = here || there;
-                if !counts {
-                    break;
-                }
-                (any, row, here) = (true, next, there);
+            while row < hi && counts(row) {
+                row += STRIDE;
             }
+            let any = row > start;
             if any {
                 self.runs.push(Run { lo: start as u32, hi: row as u32, first: self.weights.len() as u32 });
                 let first = self.weights.len();
@@ -161,11 +161,11 @@ impl Block {
                 let (drift_m, decay, peak) = (&drift_m[start..row], &decay[start..row], &peak[start..row]);
                 for (i, weight) in self.weights[first..].iter_mut().enumerate() {
                     let e = e + drift_m[i];
-                    *weight = peak[i] * exp_minus(e * e * decay[i]);
+                    // Rows of a stride beyond the slice: 2e-4 at most, and within what the exponential is good for.
+                    *weight = peak[i] * exp_minus((e * e * decay[i]).min(MAX_EXPONENT));
                 }
             } else {
                 row += STRIDE;
-                here = inside(row - 1);
             }
         }
         self.starts.push(self.runs.len() as u32);

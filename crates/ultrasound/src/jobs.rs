@@ -101,7 +101,8 @@ impl Jobs {
                 let stretches = columns.get(ix, iy);
                 // Scatterer n lies in row n + row_of_0; what is before n = 0 has no material.
                 let lo = (x_lo as i64).max(row_of_0 / STRIDE as i64 * STRIDE as i64);
-                if stretches.is_empty() || lo >= x_hi as i64 {
+                let end = i64::from(columns.end(stretches));
+                if lo >= x_hi as i64 || lo - row_of_0 >= end {
                     continue;
                 }
                 let sample = (lo - row_of_0 + (offset + TAPE_LENGTH) as i64) as usize;

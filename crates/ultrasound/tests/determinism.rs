@@ -18,9 +18,14 @@ fn scene(pose: Pose, sequence: u64) -> Slice {
     Slice { sequence, needle, ..slice(pose) }
 }
 
-fn poses() -> [Pose; 3] {
+fn poses() -> [Pose; 7] {
     [
         pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        // Pairs that share one of the tables that are kept between pictures, and not the other.
+        pose(0.0, 0.0, -2.0, 0.0, 10.0, 0.0),
+        pose(0.0, 0.0, -2.0, 0.0, -10.0, 0.0),
+        pose(0.0, 0.0, -2.0, 0.0, 0.0, 10.0),
+        pose(0.0, 0.0, -2.0, 0.0, 0.0, -10.0),
         pose(0.7, -1.3, -0.4, 31.0, 3.0, -8.0),
         pose(0.0, 0.0, -10.0, -12.0, -28.0, 27.0),
     ]
@@ -88,6 +93,8 @@ fn no_pose_is_too_odd() {
         Pose::identity(),
         Pose::from_parts(at(1e9, 0.0), turn(std::f64::consts::PI)),
         Pose::from_parts(at(0.0, -1e3), turn(std::f64::consts::PI)),
+        Pose::from_parts(at(0.0, -1e9), turn(std::f64::consts::PI)),
+        Pose::from_parts(at(0.0, 1e9), turn(std::f64::consts::PI)),
         Pose::from_parts(at(0.0, -0.02), turn(0.0)),
         Pose::from_parts(at(0.0, -0.02), turn(std::f64::consts::FRAC_PI_2)),
         Pose::from_parts(at(0.0, 0.0), turn(std::f64::consts::PI - 1.04)),

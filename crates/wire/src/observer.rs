@@ -71,12 +71,12 @@ impl ObserverHost {
         &self.domain
     }
 
-    /// Publishes the truth of one tick; never blocks.
+    /// Publishes the truth of one tick, and whether the run is held there; never blocks.
     ///
     /// # Errors
     /// [`WireError::Transport`].
-    pub fn publish(&self, truth: &Truth) -> Result<(), WireError> {
-        services::send_typed(&self.truth, TruthMessage::encode(self.run_id, truth))?;
+    pub fn publish(&self, truth: &Truth, held: bool) -> Result<(), WireError> {
+        services::send_typed(&self.truth, TruthMessage::encode(self.run_id, truth, held))?;
         services::notify(&self.notifier, event_id::MESSAGE);
         Ok(())
     }
@@ -141,11 +141,11 @@ impl Observer {
         })
     }
 
-    /// The next truth, in order; up to 64 wait, then the oldest are lost.
+    /// The next truth, in order, and whether the run is held there; up to 64 wait, then the oldest are lost.
     ///
     /// # Errors
     /// [`WireError::Refused`] when a message is not sound, [`WireError::Transport`].
-    pub fn next(&mut self, timeout: Duration) -> Result<Wait<Truth>, WireError> {
+    pub fn next(&mut self, timeout: Duration) -> Result<Wait<(Truth, bool)>, WireError> {
         let run_id = &mut self.run_id;
         wait_for(
             &self.listener,
@@ -154,10 +154,11 @@ impl Observer {
             || {
                 let Some(sample) = receive(self.truth.receive())? else { return Ok(None) };
                 let message = *sample.payload();
-                message
-                    .decode(*run_id.get_or_insert(message.run_id))
-                    .map(Some)
-                    .map_err(|defect| WireError::Refused { message: "truth", defect })
+                let expected = run_id.unwrap_or(message.run_id);
+                let told = message.decode(expected);
+                let told = told.map_err(|defect| WireError::Refused { message: "truth", defect })?;
+                *run_id = Some(expected);
+                Ok(Some(told))
             },
         )
     }

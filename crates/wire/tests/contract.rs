@@ -103,6 +103,7 @@ fn of_the_code() -> Layouts {
                 version,
                 visible,
                 collision,
+                held,
                 reserved,
                 run_id,
                 tick,

@@ -150,7 +150,7 @@ fn every_message_of_another_version_or_run_is_refused() {
         let end = EndMessage { version, run_id, ..EndMessage::default() };
         assert_eq!(end.decode(RUN), Err(expected));
         let truth = TruthMessage { version, run_id, ..TruthMessage::default() };
-        assert_eq!(truth.decode(RUN).map(|truth| truth.tick), Err(expected));
+        assert_eq!(truth.decode(RUN).map(|(truth, _)| truth.tick), Err(expected));
     }
 }
 

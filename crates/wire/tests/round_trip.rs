@@ -254,8 +254,8 @@ fn the_truth_travels_on_a_domain_of_its_own() {
         min_joint_margin_rad: 0.4,
         collision: true,
     };
-    host.publish(&truth).unwrap();
-    assert_eq!(observer.next(PATIENCE).unwrap(), Wait::Got(truth));
+    host.publish(&truth, true).unwrap();
+    assert_eq!(observer.next(PATIENCE).unwrap(), Wait::Got((truth, true)));
     // In the tracker's domain there is no such service.
     let refused = Observer::open(&joined(&public), Duration::ZERO);
     assert!(matches!(refused, Err(WireError::Transport { .. })));
@@ -271,7 +271,7 @@ fn the_truth_travels_on_a_domain_of_its_own() {
     // One who comes while the run is paused is given the newest truth.
     let mut late = Observer::open(&joined(&private), PATIENCE).unwrap();
     assert_eq!(host.next_control(Duration::from_millis(100)).unwrap(), Wait::TimedOut);
-    assert_eq!(late.next(PATIENCE).unwrap(), Wait::Got(truth));
+    assert_eq!(late.next(PATIENCE).unwrap(), Wait::Got((truth, true)));
 }
 
 #[test]

@@ -88,8 +88,8 @@ impl Watch for Watchers {
         self.progress.image(row);
     }
 
-    fn before_image(&mut self, truth: &Truth) -> Result<Vec<Request>, PeerError> {
-        self.steering.as_mut().map_or(Ok(Vec::new()), |steering| steering.before_image(truth))
+    fn before_image(&mut self, truth: &Truth, requests: &mut Vec<Request>) -> Result<(), PeerError> {
+        self.steering.as_mut().map_or(Ok(()), |steering| steering.before_image(truth, requests))
     }
 
     fn interrupted(&mut self) -> bool {

@@ -7,11 +7,18 @@ use crate::cli::SimArgs;
 use crate::error::{AppError, Outcome};
 use crate::remote::{Remote, TrackerProcess};
 use crate::scenarios::prepare;
+use crate::session::needs_checkpoints;
 use crate::steering::Steering;
 
 /// Creates the domain, says how to join it, waits, runs.
 pub fn sim(args: &SimArgs) -> Result<Outcome, AppError> {
     let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
+    if needs_checkpoints(&scenario) {
+        return Err(AppError::BadInput(format!(
+            "error: {}: kills the tracker, which only `sonoloop run` can, as it starts the tracker itself",
+            args.scenario.file.display()
+        )));
+    }
     let process = TrackerProcess::Elsewhere { wait: Duration::from_secs(args.wait_s) };
     let remote = Remote::create(process).map_err(AppError::fault)?;
     let run_id = run_id();

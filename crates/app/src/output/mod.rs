@@ -99,7 +99,7 @@ pub fn write_outcome_with(
     let stage = Stage::new(folder)?;
     stage.write("images.csv", images_csv(&recording.images))?;
     stage.write("events.csv", events_csv(&recording.events))?;
-    stage.write("scenario.yaml", resolved_yaml(scenario, version))?;
+    stage.write("scenario.yaml", resolved_yaml(scenario, folder, version))?;
     let tracking_svg = charts::tracking_svg(scenario, recording);
     let insertion_svg = charts::insertion_svg(scenario, recording);
     stage.write("tracking.svg", &tracking_svg)?;
@@ -120,8 +120,11 @@ pub fn write_outcome_with(
     Ok(video)
 }
 
-/// The resolved file, headed by what made it.
-fn resolved_yaml(scenario: &Scenario, version: &str) -> String {
-    let Scenario { name, seed, resolved_yaml, .. } = scenario;
-    format!("# {name}, seed {seed}, resolved by sonoloop {version}\n{resolved_yaml}")
+/// The resolved file, headed by what made it. It can be run from `folder`, unless a file that it names has gone while
+/// the run went on; then it says so and is as it was loaded.
+fn resolved_yaml(scenario: &Scenario, folder: &Path, version: &str) -> String {
+    let text = scenario.resolved_yaml_for(folder);
+    let text =
+        text.unwrap_or_else(|why| format!("# cannot be run from here: {why}\n{}", scenario.resolved_yaml));
+    format!("# resolved by sonoloop {version}\n{text}")
 }

@@ -3,7 +3,7 @@ use sonoloop_types::EndReason;
 
 use super::{Defect, LAYOUT_VERSION, check_run, check_version, codes, decode_text, encode_text};
 
-/// What travels in front of the bytes of `setup`, `checkpoint` and `restore`; see `docs/wire.md`.
+/// What travels in front of the bytes of `setup`, `checkpoint`, `restore` and `control`; see `docs/wire.md`.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
 #[type_name("sonoloop::BlobHeader")]
 #[repr(C)]

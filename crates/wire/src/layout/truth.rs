@@ -14,8 +14,10 @@ pub struct TruthMessage {
     pub visible: u8,
     /// 1 while a collision exists.
     pub collision: u8,
+    /// 1 when the run is held at this tick.
+    pub held: u8,
     /// Zero.
-    pub reserved: [u8; 2],
+    pub reserved: u8,
     /// The run.
     pub run_id: u64,
     /// Tick of all values.
@@ -43,13 +45,14 @@ pub struct TruthMessage {
 }
 
 impl TruthMessage {
-    /// The message that carries `truth`.
-    pub fn encode(run_id: u64, truth: &Truth) -> Self {
+    /// The message that carries `truth`; `held` says that the run goes no further until asked to.
+    pub fn encode(run_id: u64, truth: &Truth, held: bool) -> Self {
         Self {
             version: LAYOUT_VERSION,
             visible: truth.visible.into(),
             collision: truth.collision.into(),
-            reserved: [0; 2],
+            held: held.into(),
+            reserved: 0,
             run_id,
             tick: truth.tick,
             world_from_probe: encode_pose(&truth.world_from_probe),
@@ -65,14 +68,15 @@ impl TruthMessage {
         }
     }
 
-    /// Checks version, run, flags and pose; the other values may be NaN where the truth has none.
+    /// The truth, and whether the run is held. Checks version, run, flags and pose; the other values may be NaN
+    /// where the truth has none.
     ///
     /// # Errors
     /// The first defect found.
-    pub fn decode(&self, run_id: u64) -> Result<Truth, Defect> {
+    pub fn decode(&self, run_id: u64) -> Result<(Truth, bool), Defect> {
         check_version(self.version)?;
         check_run(self.run_id, run_id)?;
-        Ok(Truth {
+        let truth = Truth {
             tick: self.tick,
             world_from_probe: decode_pose(&self.world_from_probe, "world_from_probe")?,
             tip_in_world: Point::from(self.tip_in_world),
@@ -86,6 +90,7 @@ impl TruthMessage {
             target_distance_m: self.target_distance_m,
             min_joint_margin_rad: self.min_joint_margin_rad,
             collision: decode_bool(self.collision, "collision")?,
-        })
+        };
+        Ok((truth, decode_bool(self.held, "held")?))
     }
 }
