@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
 mod common;
-use common::{finish, program, root, sonoloop, start};
+use common::{file, finish, program, root, sonoloop, start};
 
 /// A copy of the repository's data files that a test may spoil.
 struct Box {
@@ -223,6 +223,30 @@ fn check_and_list_know_every_committed_file() {
         assert!(checked.stdout.contains(name), "check is silent on {name}");
         assert!(listed.stdout.contains(name), "list is silent on {name}");
     }
+    let checked = sonoloop(&["check", "phantoms", "robots"]);
+    assert_eq!(checked.code(), 0, "{}", checked.stderr);
+    for folder in ["phantoms", "robots/probes", "robots/needles"] {
+        for entry in std::fs::read_dir(root().join(folder)).expect("folder") {
+            let name = entry.expect("entry").file_name().into_string().expect("text");
+            assert!(checked.stdout.contains(&format!("{name}: ok (")), "check is silent on {name}");
+            assert!(listed.stdout.contains(&name), "list is silent on {name}");
+        }
+    }
+}
+
+#[test]
+fn check_names_what_is_wrong_in_a_phantom_and_in_its_materials() {
+    let files = Box::new();
+    for (file, from, to, part) in [
+        ("phantoms/water.yaml", "background: water", "background: wine", "wine"),
+        ("phantoms/materials.yaml", "sound_speed_m_s: 343", "sound_speed_m_s: 3", "sound_speed_m_s = 3"),
+    ] {
+        files.edit(file, from, to);
+        let path = files.path(file);
+        let finished = sonoloop(&["check", path.to_str().expect("path")]);
+        assert_eq!(finished.code(), 2, "{}", finished.stderr);
+        assert!(finished.stderr.contains(part), "{}", finished.stderr);
+    }
 }
 
 #[test]
@@ -246,6 +270,84 @@ fn render_writes_a_picture_with_a_needle_in_it() {
             .max()
     };
     assert!(around_tip(&needle) > around_tip(&plain), "the tip is drawn where it was asked for");
+}
+
+#[test]
+fn a_picture_that_cannot_be_made_is_refused() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let jpeg = folder.path().join("picture.jpg");
+    let jpeg = jpeg.to_str().expect("path");
+    let phantom = file("phantoms/agar.yaml");
+    let phantom = phantom.to_str().expect("path");
+    for (arguments, part) in [
+        (&["render", phantom, "--out", jpeg][..], "must end in .png"),
+        (&["render", phantom, "--out", "picture"], "must end in .png"),
+        (&["render", phantom], "robots/probes/l12_3v.yaml: there is no such file"),
+        (&["render", phantom], "relative to the current folder"),
+        (&["render", "nothing.yaml"], "nothing.yaml: there is no such file"),
+        (&["render"], "PHANTOM"),
+        (&["render", "--gallery", "atlas"], "phantoms/gelatin_agar.yaml: there is no such file"),
+        (&["render", "--gallery", "atlas", "--tilt-deg", "3"], "cannot be used with"),
+        (&["render", "--gallery", phantom], "is a file, not a folder"),
+    ] {
+        let mut command = program();
+        command.current_dir(folder.path()).args(arguments);
+        let finished = finish(start(command));
+        assert_eq!(finished.code(), 2, "{arguments:?}: {}", finished.stderr);
+        assert!(finished.stderr.contains(part), "{arguments:?}: {}", finished.stderr);
+        let left = std::fs::read_dir(folder.path()).expect("folder").count();
+        assert_eq!(left, 0, "{arguments:?} left something behind");
+    }
+}
+
+#[test]
+fn the_gallery_holds_every_picture_that_its_page_names_and_leaves_foreign_files() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let atlas = folder.path().join("deep/atlas");
+    std::fs::create_dir_all(&atlas).expect("folder");
+    std::fs::write(atlas.join("summary.json"), "a run's").expect("write");
+    let mut command = program();
+    command.args(["render", "--gallery"]).arg(&atlas);
+    let finished = finish(start(command));
+    assert_eq!(finished.code(), 0, "{}", finished.stderr);
+    assert_eq!(finished.stdout.trim(), atlas.join("index.html").to_str().expect("path"));
+    assert_eq!(std::fs::read_to_string(atlas.join("summary.json")).expect("kept"), "a run's");
+    assert_eq!(std::fs::read_dir(folder.path().join("deep")).expect("folder").count(), 1);
+
+    let page = std::fs::read_to_string(atlas.join("index.html")).expect("a page");
+    assert!(!page.contains("http"), "the page is read offline");
+    let named: Vec<&str> =
+        page.split("src=\"").skip(1).map(|rest| rest.split('"').next().expect("a name")).collect();
+    let mut pictures = Vec::new();
+    for entry in std::fs::read_dir(&atlas).expect("folder") {
+        let path = entry.expect("entry").path();
+        if path.extension().is_none_or(|extension| extension != "png") {
+            continue;
+        }
+        let name = path.file_name().expect("name").to_str().expect("text").to_owned();
+        let picture = image::open(&path).expect("a picture").to_luma8();
+        assert_eq!(picture.dimensions(), (640, 480), "{name}");
+        let lit = picture.pixels().filter(|pixel| pixel[0] > 20).count();
+        assert!(lit > 640 * 480 / 100, "{name} is black");
+        assert_eq!(named.iter().filter(|n| **n == name).count(), 1, "index.html and {name}");
+        // The small atlas of the documentation shows the same.
+        let small = root().join("docs/atlas").join(name.replace(".png", ".jpg"));
+        assert!(small.is_file(), "no {}: see docs/atlas/README.md", small.display());
+        pictures.push((name, picture));
+    }
+    assert_eq!(named.len(), pictures.len());
+    for phantom in std::fs::read_dir(root().join("phantoms")).expect("folder") {
+        let name = phantom.expect("entry").file_name().into_string().expect("text");
+        let name = format!("phantom_{}", name.replace(".yaml", ".png"));
+        assert_eq!(pictures.iter().any(|(n, _)| *n == name), name != "phantom_materials.png", "{name}");
+    }
+    for (index, (a, picture)) in pictures.iter().enumerate() {
+        for (b, other) in &pictures[..index] {
+            // Liquids without a scatterer differ in sound speed and a trace of attenuation, which no pixel shows.
+            let liquids = [a, b].iter().all(|name| name.contains("water"));
+            assert!(liquids || picture != other, "{a} is {b}");
+        }
+    }
 }
 
 #[test]

@@ -21,6 +21,7 @@ Examples:
   sonoloop run scenarios/lateral_plain.yaml --seed 7 --set servo.dither_mm=0.2 --json
   sonoloop suite scenarios --seeds 10
   sonoloop render phantoms/gelatin_agar_heterogeneous.yaml --needle-angle-deg 40 --out picture.png
+  sonoloop render --gallery out/atlas
   sonoloop track recording.mha --init 238.1,327.6 --out out/track
 
 Exit codes: 0 pass, 1 an expectation failed, 2 bad input, 3 runtime fault.
@@ -37,9 +38,9 @@ pub enum Command {
     Sim(SimArgs),
     /// The tracker's half (--domain), or the tracker alone on recorded images (SEQUENCE --init U,V)
     Track(TrackArgs),
-    /// Render one image of a phantom as PNG
+    /// Render one image of a phantom as PNG, or an atlas (--gallery)
     Render(RenderArgs),
-    /// Check scenario files without running them
+    /// Check scenarios, phantoms, materials, probes and needles without running them
     Check(CheckArgs),
     /// Show what is in the box: scenarios, robots, probes, needles, phantoms
     List(ListArgs),
@@ -150,8 +151,14 @@ pub struct TrackArgs {
 /// Arguments of `render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// Phantom file
-    pub phantom: PathBuf,
+    /// Phantom file; with --gallery the one that carries the needle, and its folder's phantoms are pictured too
+    /// [with --gallery default: phantoms/gelatin_agar.yaml]
+    #[arg(required_unless_present = "gallery")]
+    pub phantom: Option<PathBuf>,
+    /// Write an atlas into this folder instead: every phantom, needle angles and offsets, contact, settings, index.html
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["x_mm", "y_mm", "yaw_deg", "tilt_deg", "needle_angle_deg",
+        "tip_depth_mm", "offset_mm", "transverse", "out"])]
+    pub gallery: Option<PathBuf>,
     /// Probe file
     #[arg(long, default_value = "robots/probes/l12_3v.yaml")]
     pub probe: PathBuf,
@@ -185,7 +192,7 @@ pub struct RenderArgs {
     /// Seed of the speckle
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// The picture to write
+    /// The picture to write, a .png
     #[arg(long, value_name = "FILE", default_value = "render.png")]
     pub out: PathBuf,
 }
@@ -193,7 +200,7 @@ pub struct RenderArgs {
 /// Arguments of `check`.
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// Scenario files, or folders that are searched for *.yaml
+    /// Files, or folders that are searched for *.yaml; a file without a schema line is taken for a scenario
     #[arg(required = true)]
     pub paths: Vec<PathBuf>,
 }

@@ -26,7 +26,9 @@ mod source;
 mod tree;
 
 pub use error::LoadError;
-pub use load::{LoadOptions, add_disturbance, load, load_needle, load_phantom, load_probe, load_text};
+pub use load::{
+    LoadOptions, add_disturbance, load, load_materials, load_needle, load_phantom, load_probe, load_text,
+};
 pub use metrics::METRICS;
 pub use model::{
     ArmSpec, Bound, CalibrationSpec, DelaySpec, Disturbance, DisturbanceKind, Expectation, Inclusion,

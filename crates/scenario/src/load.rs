@@ -7,7 +7,7 @@ use crate::document::{Change, Document, Origin, options as yaml};
 use crate::raw::RawScenario;
 use crate::source::Source;
 use crate::tree::{Node, Value};
-use crate::{Disturbance, DisturbanceKind, LoadError, PhantomSpec, Scenario, randomize};
+use crate::{Disturbance, DisturbanceKind, LoadError, Material, PhantomSpec, Scenario, randomize};
 
 /// What the command line adds to a scenario file.
 #[derive(Debug, Clone)]
@@ -102,6 +102,15 @@ pub fn load_needle(path: &Path) -> Result<NeedleSpec, LoadError> {
 /// As [`load`].
 pub fn load_phantom(path: &Path) -> Result<PhantomSpec, LoadError> {
     check::phantom(&Document::read(path)?)
+}
+
+/// Loads a file of materials, those too that no phantom names.
+///
+/// # Errors
+///
+/// As [`load`].
+pub fn load_materials(path: &Path) -> Result<Vec<Material>, LoadError> {
+    check::materials(&Document::read(path)?)
 }
 
 fn resolve(source: Source, options: &LoadOptions) -> Result<Scenario, LoadError> {

@@ -1,3 +1,7 @@
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 
@@ -45,6 +49,18 @@ impl FileKind {
             Self::Phantom => "phantom",
             Self::Materials => "materials",
         }
+    }
+
+    /// The kind that a file says it is of, by the schema that its first line names for editors
+    /// (`# yaml-language-server: $schema=…/<name>.schema.json`). `None` where it names none or cannot be read.
+    pub fn of_file(path: &Path) -> Option<Self> {
+        let mut first = String::new();
+        // No first line that names a schema is anywhere near as long.
+        let mut reader = BufReader::new(File::open(path).ok()?.take(1000));
+        reader.read_line(&mut first).ok()?;
+        let schema = first.trim_end().strip_prefix("# yaml-language-server: $schema=")?;
+        let name = Path::new(schema).file_name()?.to_str()?.strip_suffix(".schema.json")?;
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 

@@ -341,7 +341,7 @@ fn phantom_and_tool_cases() -> Vec<Case> {
             materials,
             "sound_speed_m_s: 1483",
             "sound_speed_m_s: 1.483",
-            &["materials.water.sound_speed_m_s = 1.483", "at least 1000"],
+            &["materials.water.sound_speed_m_s = 1.483", "at least 300"],
         ),
         case(
             materials,

@@ -2,12 +2,14 @@
 
 mod check;
 mod clean;
+mod gallery;
 mod list;
 mod render;
 mod run;
 mod sim;
 mod suite;
 mod track;
+mod view;
 
 use crate::cli::Command;
 use crate::error::{AppError, Outcome};

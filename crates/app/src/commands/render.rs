@@ -1,45 +1,62 @@
 //! `sonoloop render`: one image of a phantom, from a pose.
 
-use sonoloop_types::{Image, NeedlePath, Point, Pose, Slice, Vector};
+use std::path::Path;
+
+use sonoloop_types::Image;
 use sonoloop_ultrasound::Renderer;
 
+use super::gallery::gallery;
+use super::view::{NeedleView, View, file_is_there};
 use crate::cli::RenderArgs;
 use crate::error::{AppError, Outcome};
 use crate::say::say;
 
-/// The probe stands on the top face, pointing down, before yaw and tilt.
-fn phantom_from_probe(args: &RenderArgs) -> Pose {
-    let down = Pose::rotation(Vector::x() * std::f64::consts::PI);
-    Pose::translation(args.x_mm * 1e-3, args.y_mm * 1e-3, 0.0)
-        * Pose::rotation(Vector::z() * args.yaw_deg.to_radians())
-        * down
-        * Pose::rotation(Vector::x() * args.tilt_deg.to_radians())
+/// Writes the picture, or the gallery.
+pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
+    if let Some(folder) = &args.gallery {
+        return gallery(folder, args);
+    }
+    check_numbers(args)?;
+    check_out(&args.out)?;
+    let phantom_file = args
+        .phantom
+        .as_deref()
+        .ok_or_else(|| AppError::BadInput("error: render needs a PHANTOM, or --gallery DIR".into()))?;
+    file_is_there("PHANTOM", phantom_file)?;
+    file_is_there("--probe", &args.probe)?;
+    file_is_there("--needle", &args.needle)?;
+    let phantom =
+        sonoloop_scenario::load_phantom(phantom_file).map_err(|e| AppError::BadInput(e.render()))?;
+    let probe = sonoloop_scenario::load_probe(&args.probe).map_err(|e| AppError::BadInput(e.render()))?;
+    let needle = sonoloop_scenario::load_needle(&args.needle).map_err(|e| AppError::BadInput(e.render()))?;
+
+    let slice = view(args).slice(&probe);
+    let mut image = Image::black(probe.geometry.width_px, probe.geometry.height_px);
+    Renderer::new(probe, needle, sonoloop_world::tissue(&phantom), args.seed).render(&slice, &mut image);
+    crate::output::write_png(&args.out, &image)
+        .map_err(|e| AppError::Fault(format!("{}: {e}", args.out.display())))?;
+    say(args.out.display());
+    Ok(Outcome::Pass)
 }
 
-/// A straight needle whose tip lies in the middle of the picture at the asked depth.
-fn needle(args: &RenderArgs, angle_rad: f64, phantom_from_probe: &Pose) -> NeedlePath {
-    let (sin, cos) = angle_rad.sin_cos();
-    let (axis, offset) = if args.transverse {
-        (Vector::new(0.0, cos, sin), Vector::new(0.0, cos, sin) * (args.offset_mm * 1e-3))
-    } else {
-        (Vector::new(cos, 0.0, sin), Vector::new(0.0, args.offset_mm * 1e-3, 0.0))
-    };
-    let tip = Point::new(0.0, 0.0, args.tip_depth_mm * 1e-3) + offset;
-    let length_m = 60e-3;
-    let points = 60;
-    let line = (0..=points)
-        .map(|k| phantom_from_probe * (tip - axis * (length_m * f64::from(points - k) / f64::from(points))));
-    // The bevel's face looks up to the probe.
-    let up = if args.transverse { Vector::new(0.0, sin, -cos) } else { Vector::new(sin, 0.0, -cos) };
-    NeedlePath {
-        centreline_in_phantom: line.collect(),
-        axis_in_phantom: phantom_from_probe * axis,
-        bevel_normal_in_phantom: phantom_from_probe * up,
+fn view(args: &RenderArgs) -> View {
+    View {
+        x_m: args.x_mm * 1e-3,
+        y_m: args.y_mm * 1e-3,
+        yaw_rad: args.yaw_deg.to_radians(),
+        tilt_rad: args.tilt_deg.to_radians(),
+        needle: args.needle_angle_deg.map(|angle_deg| NeedleView {
+            angle_rad: angle_deg.to_radians(),
+            tip_depth_m: args.tip_depth_mm * 1e-3,
+            offset_m: args.offset_mm * 1e-3,
+            transverse: args.transverse,
+            yaw_rad: 0.0,
+        }),
+        ..View::default()
     }
 }
 
-/// Writes the picture.
-pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
+fn check_numbers(args: &RenderArgs) -> Result<(), AppError> {
     let values = [
         ("--x-mm", args.x_mm, 500.0),
         ("--y-mm", args.y_mm, 500.0),
@@ -56,29 +73,20 @@ pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
             return Err(AppError::BadInput(format!("error: {name} = {value} must be within ±{bound}")));
         }
     }
-    if args.out.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
-        return Err(AppError::BadInput(format!(
-            "error: --out {}: there is no such folder",
-            args.out.display()
-        )));
-    }
-    let phantom = sonoloop_scenario::load_phantom(&args.phantom).map_err(AppError::bad_input)?;
-    let probe = sonoloop_scenario::load_probe(&args.probe).map_err(AppError::bad_input)?;
-    let needle_spec = sonoloop_scenario::load_needle(&args.needle).map_err(AppError::bad_input)?;
+    Ok(())
+}
 
-    let phantom_from_probe = phantom_from_probe(args);
-    let slice = Slice {
-        sequence: 0,
-        phantom_from_probe,
-        needle: args.needle_angle_deg.map(|deg| needle(args, deg.to_radians(), &phantom_from_probe)),
-        needle_gain_db: 0.0,
-        element_gap_m: vec![0.0; probe.elements as usize],
-        gain_db: 0.0,
+/// A name that ends in something else would promise a format that is not written.
+fn check_out(out: &Path) -> Result<(), AppError> {
+    let no_folder = || out.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir());
+    let why = if !out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        "must end in .png, the only format that is written"
+    } else if no_folder() {
+        "there is no such folder"
+    } else if out.is_dir() {
+        "this is a folder"
+    } else {
+        return Ok(());
     };
-    let mut image = Image::black(probe.geometry.width_px, probe.geometry.height_px);
-    Renderer::new(probe, needle_spec, sonoloop_world::tissue(&phantom), args.seed).render(&slice, &mut image);
-    crate::output::write_png(&args.out, &image)
-        .map_err(|e| AppError::Fault(format!("{}: {e}", args.out.display())))?;
-    say(args.out.display());
-    Ok(Outcome::Pass)
+    Err(AppError::BadInput(format!("error: --out {}: {why}", out.display())))
 }

@@ -59,7 +59,7 @@ pub fn junit_xml(suite: &str, cases: &[Case]) -> String {
 
 /// Text safe inside XML and HTML elements and quoted attributes; control characters, which XML 1.0 has no
 /// way to write, become �.
-pub(super) fn escape_xml(text: &str) -> String {
+pub(crate) fn escape_xml(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
         match character {

@@ -26,6 +26,7 @@ mod wilson;
 pub(crate) use csv::snake;
 pub use csv::{events_csv, images_csv};
 pub use error::OutputError;
+pub(crate) use junit::escape_xml;
 pub use junit::{Case, CaseResult, junit_xml};
 pub use overlay::{Display, Scale};
 pub use png::write_png;

@@ -6,7 +6,7 @@ use tempfile::TempDir;
 
 use super::OutputError;
 
-/// The file that is written last and removed first: who finds it finds the others whole.
+/// A run's file that is written last and removed first: who finds it finds the others whole.
 const LAST: &str = "summary.json";
 
 /// A hidden folder beside the final one, in which all files are written before they get their names.
@@ -15,11 +15,17 @@ const LAST: &str = "summary.json";
 pub struct Stage {
     folder: TempDir,
     target: PathBuf,
+    last: &'static str,
 }
 
 impl Stage {
-    /// Prepares to write `target`, whose parent folders are created when missing.
+    /// Prepares to write a run's `target`, whose parent folders are created when missing.
     pub fn new(target: &Path) -> Result<Self, OutputError> {
+        Self::ending_with(target, LAST)
+    }
+
+    /// As [`Stage::new`] for files of which `last` stands for all: it is published last and removed first.
+    pub fn ending_with(target: &Path, last: &'static str) -> Result<Self, OutputError> {
         let absolute = std::path::absolute(target).map_err(|source| OutputError::at(target, source))?;
         let (Some(parent), Some(name)) = (absolute.parent(), absolute.file_name()) else {
             let source = io::Error::new(io::ErrorKind::InvalidInput, "not the name of a folder");
@@ -35,7 +41,7 @@ impl Stage {
             .prefix(&prefix)
             .tempdir_in(parent)
             .map_err(|source| OutputError::at(parent, source))?;
-        Ok(Self { folder, target: absolute })
+        Ok(Self { folder, target: absolute, last })
     }
 
     /// Where to write the file that will be called `name`.
@@ -57,7 +63,7 @@ impl Stage {
             fs::rename(self.folder.path(), &self.target).map_err(at_target)?;
             return Ok(());
         }
-        for name in [LAST].iter().chain(replaced) {
+        for name in [self.last].iter().chain(replaced) {
             match fs::remove_file(self.target.join(name)) {
                 Err(source) if source.kind() != io::ErrorKind::NotFound => {
                     return Err(OutputError::at(&self.target.join(name), source));
@@ -68,7 +74,7 @@ impl Stage {
         let mut names: Vec<_> = fs::read_dir(self.folder.path())
             .and_then(|entries| entries.map(|entry| Ok(entry?.file_name())).collect::<io::Result<_>>())
             .map_err(at_target)?;
-        names.sort_by_key(|name| (name == LAST, name.clone()));
+        names.sort_by_key(|name| (name == self.last, name.clone()));
         for name in names {
             let to = self.target.join(&name);
             fs::rename(self.folder.path().join(&name), &to).map_err(|source| OutputError::at(&to, source))?;

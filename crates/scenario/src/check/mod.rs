@@ -12,7 +12,7 @@ mod units;
 mod urdf;
 
 pub(crate) use library::Library;
-pub(crate) use phantom::phantom;
+pub(crate) use phantom::{materials, phantom};
 pub(crate) use scenario::build;
 pub(crate) use tools::{needle, probe};
 

@@ -47,6 +47,12 @@ pub(crate) fn phantom(document: &Document) -> Result<PhantomSpec, LoadError> {
     Ok(PhantomSpec { name: raw.name, size_m, background, materials, inclusions })
 }
 
+/// Every material of the file, by name.
+pub(crate) fn materials(document: &Document) -> Result<Vec<Material>, LoadError> {
+    let raw: RawMaterials = document.typed()?;
+    Ok(raw.materials.iter().map(|(name, raw)| material(name, raw)).collect())
+}
+
 fn material(name: &str, raw: &RawMaterial) -> Material {
     Material {
         name: name.to_owned(),

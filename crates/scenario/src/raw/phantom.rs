@@ -100,8 +100,8 @@ pub(crate) struct RawMaterials {
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawMaterial {
-    /// Sound speed.
-    #[garde(range(min = 1000.0, max = 7000.0))]
+    /// Sound speed; from gases to metals.
+    #[garde(range(min = 300.0, max = 7000.0))]
     pub sound_speed_m_s: f64,
     /// One-way attenuation at 1 MHz.
     #[garde(range(min = 0.0, max = 20.0))]
@@ -109,8 +109,8 @@ pub(crate) struct RawMaterial {
     /// Exponent of the frequency in the attenuation; 1 is proportional.
     #[garde(range(min = 0.5, max = 2.0))]
     pub attenuation_exponent: f64,
-    /// Density.
-    #[garde(range(min = 100.0, max = 20000.0))]
+    /// Density; from gases to metals.
+    #[garde(range(min = 1.0, max = 20000.0))]
     pub density_kg_m3: f64,
     /// Scatter power relative to unit backscatter; null where nothing scatters.
     #[garde(range(min = -60.0, max = 40.0))]
