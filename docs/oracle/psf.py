@@ -19,7 +19,7 @@ import pymust
 
 PROBES = ["L11-5v", "L12-3v"]
 DEPTHS_MM = [8, 10, 12, 15, 18, 20, 25, 30, 35, 40, 45]
-# That of the probe files.
+# Usual for dynamic receive focus; the same on transmit.
 F_NUMBER = 2.0
 SOUND_SPEED_M_S = 1540.0
 # Half widths of the profiles, which are symmetric, and their steps, in mm.
