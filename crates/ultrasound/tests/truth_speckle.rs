@@ -106,21 +106,84 @@ fn truth_an_axial_shift_turns_the_phase_by_4_pi_over_lambda() {
     }
 }
 
+/// Largest distance between the samples' distribution and Rayleigh's of the same power, 1 − exp(−I/E[I]).
+fn distance_from_rayleigh(intensities: &mut [f64]) -> f64 {
+    let n = intensities.len() as f64;
+    let mean = intensities.iter().sum::<f64>() / n;
+    intensities.sort_by(f64::total_cmp);
+    let steps = intensities.iter().enumerate().map(|(i, intensity)| {
+        let theory = 1.0 - (-intensity / mean).exp();
+        (theory - i as f64 / n).abs().max(((i + 1) as f64 / n - theory).abs())
+    });
+    steps.fold(0.0, f64::max)
+}
+
 #[test]
-fn truth_grain_has_the_width_of_the_beam() {
-    // The field's correlation along x is exp(−δ²/4σ_l²) in the middle, where the aperture is whole.
-    let sigma_px = 0.886 * 1540.0 / 7.54e6 * 2.0 / 2.3548 / 1e-4;
-    let lag = 2;
-    let (mut re, mut power) = (0.0, 0.0);
-    for i in 0..6 {
-        let field = renderer(5).field(&slice(pose(0.0, -6.0 + 2.0 * i as f64, 0.0, 0.0, 0.0, 0.0)));
-        for row in (100..250).map(|row| &field.values[row * field.columns..][120..264]) {
-            for (a, b) in row.iter().zip(&row[lag..]) {
-                re += f64::from(a[0] * b[0] + a[1] * b[1]);
-                power += f64::from(a[0] * a[0] + a[1] * a[1]);
+fn truth_kolmogorov_smirnov_finds_no_difference_from_rayleigh() {
+    // Pixels 0.4 mm apart axially, 1 mm laterally and 4 mm in elevation: more than 5 σ of the pulse and 6 σ
+    // of the lateral beam, and a fresh slab for each picture, so the samples are independent.
+    let mut samples = [const { Vec::new() }; 3];
+    for i in 0..30u64 {
+        let y_mm = -20.0 + 4.0 * (i % 10) as f64;
+        let field = renderer(40 + i / 10).field(&slice(pose(0.0, y_mm, 0.0, 0.0, 0.0, 0.0)));
+        for (samples, first_row) in samples.iter_mut().zip([120, 200, 280]) {
+            for row in (first_row..first_row + 40).step_by(4) {
+                samples.extend(band(&field, row..row + 1).into_iter().step_by(10).map(intensity));
             }
         }
     }
-    let expected = (-(lag as f64 / sigma_px).powi(2) / 4.0).exp();
-    assert!((re / power - expected).abs() < 0.02, "{} for {expected}", re / power);
+    for (i, intensities) in samples.iter_mut().enumerate() {
+        let root = (intensities.len() as f64).sqrt();
+        let distance = distance_from_rayleigh(intensities) * root;
+        println!("depth {i}: {} samples, distance·√n {distance:.3}", intensities.len());
+        // Estimating the power from the samples tightens the law: for the exponential distribution the 1 %
+        // point is 1.308/√n (Stephens 1974), against 1.628/√n for a law known beforehand.
+        assert!(distance < 1.308, "depth {i}: {distance}/√n from Rayleigh");
+    }
+}
+
+/// Correlation of the field with itself `down` rows and `right` columns on, from the middle of the picture.
+fn correlation_in_plane(fields: &[Field], rows: core::ops::Range<usize>, down: usize, right: usize) -> f64 {
+    let (mut re, mut im, mut power) = (0.0, 0.0, 0.0);
+    for field in fields {
+        for row in rows.clone() {
+            let line = |row: usize, first: usize| &field.values[row * field.columns + first..][..144];
+            for (a, b) in line(row, 120).iter().zip(line(row + down, 120 + right)) {
+                let [a, b] = [a, b].map(|v| v.map(f64::from));
+                re += a[0] * b[0] + a[1] * b[1];
+                im += a[1] * b[0] - a[0] * b[1];
+                power += (intensity(a) + intensity(b)) / 2.0;
+            }
+        }
+    }
+    f64::hypot(re, im) / power
+}
+
+#[test]
+fn truth_grain_has_the_size_of_the_beam_at_three_depths() {
+    // Amplitude profiles exp(−x²/2σ²): the field correlates as exp(−δ²/4σ²), so δ/(2·√(−ln ρ)) is σ. Laterally
+    // the −6 dB width is 0.886·λ·F#; axially a Gaussian pulse of bandwidth B·f has σ = c/(4π·B·f/2.355). Taken
+    // from the middle of the picture, where the aperture is whole at these depths.
+    let (c, f, fwhm) = (1540.0, 7.54e6, 2.3548);
+    let lateral_px = 0.886 * c / f * 2.0 / fwhm / 1e-4;
+    let axial_px = c / (4.0 * core::f64::consts::PI * 0.6 * f / fwhm) / 1e-4;
+    let fields: Vec<Field> = (0..12u64)
+        .map(|i| renderer(5 + i).field(&slice(pose(0.0, -11.0 + 2.0 * i as f64, 0.0, 0.0, 0.0, 0.0))))
+        .collect();
+    for rows in [90..130, 200..240, 340..380] {
+        for (what, expected, lags) in [
+            ("lateral", lateral_px, [[0, 1], [0, 2], [0, 3]].as_slice()),
+            ("axial", axial_px, [[1, 0], [2, 0]].as_slice()),
+        ] {
+            for &[down, right] in lags {
+                let rho = correlation_in_plane(&fields, rows.clone(), down, right);
+                let sigma = (down + right) as f64 / (2.0 * (-rho.ln()).sqrt());
+                println!("{rows:?} {what} lag {}: σ {sigma:.3} px, theory {expected:.3}", down + right);
+                assert!(
+                    (sigma / expected - 1.0).abs() < 0.05,
+                    "{rows:?} {what}: σ {sigma} px for {expected}"
+                );
+            }
+        }
+    }
 }
