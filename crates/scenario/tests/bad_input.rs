@@ -349,7 +349,7 @@ fn phantom_and_tool_cases() -> Vec<Case> {
             "backscatter_db: loud",
             &["materials.echogenic.backscatter_db = \"loud\""],
         ),
-        case(probe, "depth_mm: 18,", "depth_mm: 11,", &["elevation.2.depth_mm = 11", "above 12"]),
+        case(probe, "depth_mm: 18,", "depth_mm: 11,", &["elevation.4.depth_mm = 11", "above 15"]),
         case(probe, "pitch_mm: 0.2", "pitch_mm: 0.5", &["pitch_mm = 0.5", "96.0 mm", "64.0 mm"]),
         case(probe, "elements: 192", "elements: 192.5", &["elements = 192.5"]),
         case(

@@ -1,13 +1,12 @@
-//! The L11-5v's file against PyMUST's beam. `crates/ultrasound/tests/truth_psf.rs` shows that the renderer draws
+//! The probes' files against PyMUST's beam. `crates/ultrasound/tests/truth_psf.rs` shows that the renderer draws
 //! the widths a probe's file states; this shows that the file states the right ones.
 
 mod common;
 
 use sonoloop_scenario::load_probe;
 
-#[test]
-fn truth_l11_5v_has_pymusts_widths() {
-    let path = common::root().join("robots/probes/l11_5v.yaml");
+fn check(file: &str) {
+    let path = common::root().join("robots/probes").join(file);
     let probe = load_probe(&path).unwrap_or_else(|error| panic!("{}", error.render()));
     let reference = include_str!("../../ultrasound/tests/data/psf_pymust.csv");
     // A Gaussian pulse: half-maximum duration times bandwidth is 4·ln 2/π, and depth is c·t/2.
@@ -15,21 +14,32 @@ fn truth_l11_5v_has_pymusts_widths() {
     let axial_m =
         probe.assumed_sound_speed_m_s * 2.0 * core::f64::consts::LN_2 / core::f64::consts::PI / band_hz;
     let mut depths = 0;
-    for line in reference.lines().filter(|line| line.starts_with("L11-5v,")) {
+    let this_probe = format!("{},", probe.name);
+    for line in reference.lines().filter(|line| line.starts_with(&this_probe)) {
         let values: Vec<f64> = line.split(',').skip(1).map(|v| v.parse().unwrap()).collect();
-        let depth_m = values[0] * 1e-3;
-        let widths_m = [axial_m, probe.lateral_width_m(), probe.slice_thickness_m(depth_m)];
+        let depth_mm = values[0];
+        let widths_m = [axial_m, probe.lateral_width_m(), probe.slice_thickness_m(depth_mm * 1e-3)];
         for (what, (width_m, expected_mm)) in
             ["axial", "lateral", "elevation"].iter().zip(widths_m.iter().zip(&values[1..]))
         {
             // One pulse does for all depths but the nearest, where PyMUST's is split by the element's edges.
-            if *what == "axial" && values[0] < 12.0 {
+            if *what == "axial" && depth_mm < 12.0 {
                 continue;
             }
             let off = width_m * 1e3 / expected_mm - 1.0;
-            assert!(off.abs() < 0.15, "{what} at {} mm: {width_m} m for {expected_mm} mm", values[0]);
+            assert!(off.abs() < 0.15, "{file}: {what} at {depth_mm} mm: {width_m} m for {expected_mm} mm");
         }
         depths += 1;
     }
     assert!(depths >= 9, "{depths} depths");
+}
+
+#[test]
+fn truth_l11_5v_has_pymusts_widths() {
+    check("l11_5v.yaml");
+}
+
+#[test]
+fn truth_l12_3v_has_pymusts_widths() {
+    check("l12_3v.yaml");
 }
