@@ -99,7 +99,7 @@ pub fn sections(phantoms: &[PhantomFile], main: &str) -> Vec<Section> {
         },
         Section {
             title: "Needle beside the plane",
-            note: "The slice is 1.1 mm thick at 25 mm and 2.8 mm at 40 mm, where the tip is: the deeper the needle, \
+            note: "The slice is 1.0 mm thick at 25 mm and 2.2 mm at 40 mm, where the tip is: the deeper the needle, \
                    the farther beside the plane it is still seen.",
             pictures: offsets().map(|(name, caption, needle)| of_main(name, caption, with(needle))).into(),
         },
@@ -160,17 +160,9 @@ fn offsets() -> [(&'static str, String, NeedleView); 4] {
         |offset_mm: f64| NeedleView { offset_m: offset_mm * 1e-3, tip_depth_m: 40e-3, ..lateral(40.0) };
     [
         ("offset_0mm", "In the plane, the tip 40 mm deep.".into(), needle(0.0)),
-        (
-            "offset_1mm",
-            "1 mm beside it: the shaft fades where the slice is thinnest, 25 mm deep and above.".into(),
-            needle(1.0),
-        ),
-        (
-            "offset_2mm",
-            "2 mm beside it: the tip is left, at a depth where the slice is thick.".into(),
-            needle(2.0),
-        ),
-        ("offset_3mm", "3 mm beside it: next to nothing.".into(), needle(3.0)),
+        ("offset_1mm", "1 mm beside it: specks of the shaft are left, and the tip.".into(), needle(1.0)),
+        ("offset_2mm", "2 mm beside it: nothing stands out of the speckle.".into(), needle(2.0)),
+        ("offset_3mm", "3 mm beside it: nothing.".into(), needle(3.0)),
     ]
 }
 
