@@ -145,7 +145,7 @@ fn transverse() -> [(&'static str, String, NeedleView); 3] {
     let needle =
         |offset_mm: f64| NeedleView { transverse: true, offset_m: offset_mm * 1e-3, ..lateral(30.0) };
     [
-        ("transverse_before", "The tip 2 mm short of the plane: nothing is seen of it.".into(), needle(-2.0)),
+        ("transverse_before", "The tip 1 mm short of the plane: a first glimmer.".into(), needle(-1.0)),
         ("transverse_tip", "The tip in the plane.".into(), needle(0.0)),
         (
             "transverse_shaft",
