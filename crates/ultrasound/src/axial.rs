@@ -1,9 +1,8 @@
 //! From working rows to display rows: the pulse.
 
 use crate::{
-    beam::{Beam, PROFILE_REACH, exp_minus, unit_energy_peak},
-    lateral::{LateralFilters, LateralScratch, LineMap},
-    splat::Grid,
+    beam::{PROFILE_REACH, exp_minus, unit_energy_peak},
+    lateral::{BeamFilters, LateralScratch},
 };
 
 /// Columns are padded to a multiple of this, the width of the inner loops.
@@ -18,16 +17,6 @@ pub struct AxialScratch {
     ring: Vec<f32>,
 }
 
-/// What turns a filled grid into display rows.
-pub struct BeamFilters<'a> {
-    pub beam: &'a Beam,
-    pub lateral: &'a LateralFilters,
-    pub grid: &'a Grid,
-    pub map: LineMap,
-    /// Rows of the grid.
-    pub rows: usize,
-}
-
 impl AxialScratch {
     /// Fills the display rows from `first_row` on; `out` holds, per row, `columns` real parts and as many
     /// imaginary ones.
@@ -39,7 +28,7 @@ impl AxialScratch {
         first_row: usize,
         out: &mut [f32],
     ) {
-        let BeamFilters { beam, lateral, grid, map, rows } = filters;
+        let BeamFilters { beam, map, rows, .. } = filters;
         let (reach_m, step_m) = (PROFILE_REACH * beam.sigma_axial_m, map.row_step_m);
         let peak = unit_energy_peak(beam.sigma_axial_m) as f32;
         let decay = (0.5 / (beam.sigma_axial_m * beam.sigma_axial_m)) as f32;
@@ -56,7 +45,7 @@ impl AxialScratch {
             let (z_m, low, high) = window(first_row + i);
             while filled < high {
                 let row = &mut self.ring[filled % RING * 2 * columns..][..2 * columns];
-                self.lateral.filter_row(lateral, beam, grid, map, filled, row.split_at_mut(columns).into());
+                self.lateral.filter_row(filters, filled, row.split_at_mut(columns).into());
                 filled += 1;
             }
             let mut taps = [0.0f32; RING];

@@ -105,11 +105,11 @@ pub fn amplitude_from_db(db: f64) -> f64 {
     libm::exp(db * (core::f64::consts::LN_10 / 20.0))
 }
 
-/// exp(−x) for 0 ≤ x ≤ 8.5 to 1e-4 of its value: a Taylor polynomial of x/16, four times squared. Plain
-/// products and sums, so loops over it vectorise and every CPU gives the same bits.
+/// exp(−x) for 0 ≤ x ≤ 8.5 to 1e-4 of its value, and 2e-4 beyond: a Taylor polynomial of x/16, four times
+/// squared. Plain products and sums, so loops over it vectorise and every CPU gives the same bits.
 #[inline(always)]
 pub fn exp_minus(x: f32) -> f32 {
-    let y = x * (1.0 / 16.0);
+    let y = x.min(8.5) * (1.0 / 16.0);
     let series = 1.0
         - y * (1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y * (1.0 / 120.0 - y * (1.0 / 720.0))))));
     let squared = series * series;

@@ -67,56 +67,28 @@ impl Display {
         let level_db = (self.tgc_db_m * z_m + gain_db.clamp(-200.0, 200.0)) as f32 - self.white_db;
         let ringing = if gain.any_blind { ringing(z_m) } else { 0.0 };
         let (above, below, share) = gain.row(row);
-        let line = Line {
-            field: [&field.0[..columns], &field.1[..columns]],
-            gain: [&above[..columns], &below[..columns]],
-            share,
-            noise: [0, 1].map(|part| &self.noise[part][first..][..columns]),
-            noise_amplitude: self.noise_amplitude,
-            blind: &gain.blind[..columns],
-            ringing,
-            level_db,
-            grey_per_db: self.grey_per_db,
-        };
-        grey_levels(&line, pixels);
-    }
-}
-
-/// What one display row is made of; slices of equal length.
-struct Line<'a> {
-    field: [&'a [f32]; 2],
-    /// Amplitude at the knots above and below, and how far the row lies between them.
-    gain: [&'a [f32]; 2],
-    share: f32,
-    noise: [&'a [f32]; 2],
-    noise_amplitude: f32,
-    blind: &'a [f32],
-    ringing: f32,
-    level_db: f32,
-    grey_per_db: f32,
-}
-
-/// In short passes over a few pixels: the logarithm is one long chain, and several must be under way.
-fn grey_levels(line: &Line, pixels: &mut [u8]) {
-    for first in (0..pixels.len()).step_by(PASS) {
-        let here = first..pixels.len().min(first + PASS);
-        let mut level = [0.0f32; PASS];
-        let ([above, below], [re, im]) =
-            (line.gain.map(|v| &v[here.clone()]), line.field.map(|v| &v[here.clone()]));
-        let ([noise_re, noise_im], blind) = (line.noise.map(|v| &v[here.clone()]), &line.blind[here.clone()]);
-        for (x, level) in level.iter_mut().enumerate().take(re.len()) {
-            let a = above[x] + line.share * (below[x] - above[x]);
-            let r = re[x] * a + noise_re[x] * line.noise_amplitude + blind[x] * line.ringing;
-            let i = im[x] * a + noise_im[x] * line.noise_amplitude;
-            *level = r * r + i * i;
-        }
-        for level in &mut level {
-            *level = power_db(*level);
-        }
-        for (pixel, level) in pixels[here].iter_mut().zip(&level) {
-            let grey = 255.0 + line.grey_per_db * (line.level_db + level);
-            // Adding 2²³ rounds to the nearest whole number and leaves it in the low bits.
-            *pixel = (grey.clamp(0.0, 255.0) + 8_388_608.0).to_bits() as u8;
+        let noise = self.noise.each_ref().map(|part| &part[first..]);
+        // In short passes over a few pixels: the logarithm is one long chain, and several must be under way.
+        for (pass, pixels) in pixels.chunks_mut(PASS).enumerate() {
+            let here = pass * PASS..pass * PASS + pixels.len();
+            let mut level = [0.0f32; PASS];
+            let (re, im) = (&field.0[here.clone()], &field.1[here.clone()]);
+            let (above, below) = (&above[here.clone()], &below[here.clone()]);
+            let (noise, blind) = (noise.map(|part| &part[here.clone()]), &gain.blind[here.clone()]);
+            for (x, level) in level.iter_mut().enumerate().take(pixels.len()) {
+                let a = above[x] + share * (below[x] - above[x]);
+                let r = re[x] * a + noise[0][x] * self.noise_amplitude + blind[x] * ringing;
+                let i = im[x] * a + noise[1][x] * self.noise_amplitude;
+                *level = r * r + i * i;
+            }
+            for level in &mut level {
+                *level = power_db(*level);
+            }
+            for (pixel, level) in pixels.iter_mut().zip(&level) {
+                let grey = 255.0 + self.grey_per_db * (level_db + level);
+                // Adding 2²³ rounds to the nearest whole number and leaves it in the low bits.
+                *pixel = (grey.clamp(0.0, 255.0) + 8_388_608.0).to_bits() as u8;
+            }
         }
     }
 }

@@ -12,8 +12,6 @@ use crate::{
 const BIN_M: f64 = 0.02e-3;
 /// Rows between two looks at whether a column is inside the slice; runs start and end at multiples of it.
 pub const STRIDE: usize = 8;
-/// [`exp_minus`] holds up to here.
-const MAX_EXPONENT: f32 = 8.5;
 /// Bins that one task fills.
 const BLOCK: usize = 64;
 
@@ -161,8 +159,7 @@ impl Block {
                 let (drift_m, decay, peak) = (&drift_m[start..row], &decay[start..row], &peak[start..row]);
                 for (i, weight) in self.weights[first..].iter_mut().enumerate() {
                     let e = e + drift_m[i];
-                    // Rows of a stride beyond the slice: 2e-4 at most, and within what the exponential is good for.
-                    *weight = peak[i] * exp_minus((e * e * decay[i]).min(MAX_EXPONENT));
+                    *weight = peak[i] * exp_minus(e * e * decay[i]);
                 }
             } else {
                 row += STRIDE;

@@ -55,35 +55,44 @@ impl LateralFilters {
             *index = self.index(beam.widening(x_m, depth_m)) as u16;
         }
     }
-}
 
-/// Filters one row, real and imaginary parts side by side. A source starts `radius − 1` lines before the line at or
-/// left of column 0, and `fraction` is how far column 0 lies past that line. `filter_of_block` comes from
-/// [`LateralFilters::select`].
-fn apply(
-    filters: &[Filter],
-    radius: usize,
-    source: [&[f32]; 2],
-    fraction: f64,
-    filter_of_block: &[u16],
-    [out_re, out_im]: [&mut [f32]; 2],
-) {
-    let phase = (fraction * PHASES as f64 + 0.5) as usize;
-    let mut block = 0;
-    while let Some(&index) = filter_of_block.get(block) {
-        let filter = &filters[usize::from(index)];
-        let taps = &filter.taps[phase * 2 * filter.radius..][..2 * filter.radius];
-        let column = block * BLOCK;
-        let source = source.map(|part| &part[column + radius - filter.radius..]);
-        // Neighbours of equal width go together; sums per column are the same.
-        if filter_of_block.get(block + 1) == Some(&index) {
-            convolve::<{ 2 * BLOCK }>(source, taps, &mut out_re[column..], &mut out_im[column..]);
-            block += 2;
-        } else {
-            convolve::<BLOCK>(source, taps, &mut out_re[column..], &mut out_im[column..]);
-            block += 1;
+    /// Filters one row, real and imaginary parts side by side. A source starts `radius − 1` lines before the line at or
+    /// left of column 0, and `fraction` is how far column 0 lies past that line. `filter_of_block` comes from
+    /// [`Self::select`].
+    fn apply(
+        &self,
+        source: [&[f32]; 2],
+        fraction: f64,
+        filter_of_block: &[u16],
+        [out_re, out_im]: [&mut [f32]; 2],
+    ) {
+        let phase = (fraction * PHASES as f64 + 0.5) as usize;
+        let mut block = 0;
+        while let Some(&index) = filter_of_block.get(block) {
+            let filter = &self.filters[usize::from(index)];
+            let taps = &filter.taps[phase * 2 * filter.radius..][..2 * filter.radius];
+            let column = block * BLOCK;
+            let source = source.map(|part| &part[column + self.radius - filter.radius..]);
+            // Neighbours of equal width go together; sums per column are the same.
+            if filter_of_block.get(block + 1) == Some(&index) {
+                convolve::<{ 2 * BLOCK }>(source, taps, &mut out_re[column..], &mut out_im[column..]);
+                block += 2;
+            } else {
+                convolve::<BLOCK>(source, taps, &mut out_re[column..], &mut out_im[column..]);
+                block += 1;
+            }
         }
     }
+}
+
+/// What turns a filled grid into display rows.
+pub struct BeamFilters<'a> {
+    pub beam: &'a Beam,
+    pub lateral: &'a LateralFilters,
+    pub grid: &'a Grid,
+    pub map: LineMap,
+    /// Rows of the grid.
+    pub rows: usize,
 }
 
 /// `out[j] = Σ_t taps[t]·source[j + t]` for N columns of both parts.
@@ -175,44 +184,30 @@ impl LateralScratch {
 
     /// Filters one row of the grid into the real and imaginary buffers, of equal length, a multiple of 8. Rows are
     /// asked for in ascending order.
-    pub fn filter_row(
-        &mut self,
-        filters: &LateralFilters,
-        beam: &Beam,
-        grid: &Grid,
-        map: &LineMap,
-        row: usize,
-        out: [&mut [f32]; 2],
-    ) {
+    pub fn filter_row(&mut self, filters: &BeamFilters, row: usize, out: [&mut [f32]; 2]) {
         let columns = out[0].len();
         let first_row = match self.first_row {
             Some(first) if row < first + CHUNK => first,
-            _ => self.load(filters, beam, grid, map, row, columns),
+            _ => self.load(filters, row, columns),
         };
-        let line = map.line_at(row);
+        let line = filters.map.line_at(row);
         let whole = line.floor();
-        let first = (whole as i64 - filters.radius as i64 + 1 - self.first_line) as usize;
+        let radius = filters.lateral.radius;
+        let first = (whole as i64 - radius as i64 + 1 - self.first_line) as usize;
         let lines = self.rows.len() / (2 * CHUNK);
         let (re, im) = self.rows[(row - first_row) * 2 * lines..][..2 * lines].split_at(lines);
-        let span = columns + 2 * filters.radius;
+        let span = columns + 2 * radius;
         let source = [&re[first..][..span], &im[first..][..span]];
-        apply(&filters.filters, filters.radius, source, line - whole, &self.blocks, out);
+        filters.lateral.apply(source, line - whole, &self.blocks, out);
     }
 
     /// Loads the chunk of `row`; returns its first row.
-    fn load(
-        &mut self,
-        filters: &LateralFilters,
-        beam: &Beam,
-        grid: &Grid,
-        map: &LineMap,
-        row: usize,
-        columns: usize,
-    ) -> usize {
+    fn load(&mut self, filters: &BeamFilters, row: usize, columns: usize) -> usize {
+        let BeamFilters { beam, lateral, grid, map, .. } = filters;
         let first_row = row / CHUNK * CHUNK;
         let ends = [first_row, first_row + CHUNK - 1].map(|row| map.line_at(row).floor() as i64);
-        let first = ends[0].min(ends[1]) - filters.radius as i64 + 1;
-        let end = ends[0].max(ends[1]) + (columns + filters.radius) as i64 + 1;
+        let first = ends[0].min(ends[1]) - lateral.radius as i64 + 1;
+        let end = ends[0].max(ends[1]) + (columns + lateral.radius) as i64 + 1;
         let band = BAND as i64;
         let first_band = first.div_euclid(band);
         let bands = (end - first_band * band + band - 1).div_euclid(band);
@@ -222,7 +217,7 @@ impl LateralScratch {
         // Widths change little over a chunk (0.6 mm for a 7.5 MHz probe).
         let depth_m = (first_row + CHUNK / 2) as f64 * map.row_step_m;
         self.blocks.resize(columns / BLOCK, 0);
-        filters.select(beam, map.first_x_m, map.pitch_m, depth_m, &mut self.blocks);
+        lateral.select(beam, map.first_x_m, map.pitch_m, depth_m, &mut self.blocks);
         self.first_row = Some(first_row);
         first_row
     }

@@ -4,14 +4,14 @@ use rayon::prelude::*;
 use sonoloop_types::{Image, ImageGeometry, NeedleSpec, ProbeSpec, Slice, Tissue};
 
 use crate::{
-    axial::{AxialScratch, BLOCK, BeamFilters},
+    axial::{AxialScratch, BLOCK},
     beam::Beam,
     columns::Columns,
     display::{Display, Exposure},
     elevation::ElevationTable,
     gain::{GainMap, Plane},
     jobs::Jobs,
-    lateral::{LateralFilters, LineMap},
+    lateral::{BeamFilters, LateralFilters, LineMap},
     lattice::Lattice,
     needle::NeedleEchoes,
     shear::Shear,

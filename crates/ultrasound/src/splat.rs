@@ -1,7 +1,6 @@
 //! Adding columns to the working grid.
 
 use rayon::prelude::*;
-use wide::f32x4;
 
 use crate::{
     columns::{Columns, Stretch},
@@ -245,11 +244,10 @@ fn add_to_two(
 /// Turns lines, `stride` apart, into rows of a band, by quads.
 fn transpose(source: &[f32], stride: usize, rows: usize, out: &mut [f32]) {
     for line in (0..BAND).step_by(4) {
-        let lines = [0, 1, 2, 3].map(|i| source[(line + i) * stride..][..rows].as_chunks::<4>().0);
-        for quad in 0..rows / 4 {
-            let columns = f32x4::transpose(lines.map(|line| f32x4::new(line[quad])));
-            for (j, column) in columns.iter().enumerate() {
-                out[(4 * quad + j) * 2 * BAND + line..][..4].copy_from_slice(column.as_array());
+        let [a, b, c, d] = [0, 1, 2, 3].map(|i| source[(line + i) * stride..][..rows].as_chunks::<4>().0);
+        for ((((a, b), c), d), out) in a.iter().zip(b).zip(c).zip(d).zip(out.chunks_mut(4 * 2 * BAND)) {
+            for j in 0..4 {
+                out[j * 2 * BAND + line..][..4].copy_from_slice(&[a[j], b[j], c[j], d[j]]);
             }
         }
     }

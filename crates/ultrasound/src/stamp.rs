@@ -95,7 +95,7 @@ pub fn apply(stamps: &[Stamp], columns: usize, first_row: usize, field: &mut [f3
 fn apply_rows(stamp: &Stamp, columns: usize, rows: Range<usize>, field: &mut [f32]) {
     let axial: [f32; HEIGHT] = core::array::from_fn(|i| {
         let d = (rows.start + i) as i32 as f32 - stamp.row;
-        exp_minus((d * d * stamp.decay[0]).min(8.5))
+        exp_minus(d * d * stamp.decay[0])
     });
     let [mut left, right] = stamp.columns.map(|c| c as usize);
     while left < right {
@@ -104,7 +104,7 @@ fn apply_rows(stamp: &Stamp, columns: usize, rows: Range<usize>, field: &mut [f3
         let lateral: [f32; WIDTH] = core::array::from_fn(|i| {
             let d = (first + i) as i32 as f32 - stamp.column;
             let inside = first + i >= left && first + i < right;
-            if inside { exp_minus((d * d * stamp.decay[1]).min(8.5)) } else { 0.0 }
+            if inside { exp_minus(d * d * stamp.decay[1]) } else { 0.0 }
         });
         for (out, axial) in field.chunks_exact_mut(2 * columns).zip(&axial[..rows.len()]) {
             let (re, im) = (axial * stamp.re, axial * stamp.im);
