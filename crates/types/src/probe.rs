@@ -11,6 +11,39 @@ pub struct ElevationSample {
     pub width_m: f64,
 }
 
+/// Which effects a picture has; all of them unless they are switched off, to see what each does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Effects {
+    /// Loss along each line through what lies on it.
+    pub attenuation: bool,
+    /// The pulse's centre frequency falls with depth: it loses less, and the beam widens.
+    pub downshift: bool,
+    /// Echoes are drawn where their time says, by the assumed sound speed.
+    pub sound_speed: bool,
+    /// Surfaces between materials reflect.
+    pub boundaries: bool,
+    /// Echoes go to and fro inside steel and strongly reflecting layers.
+    pub reverberation: bool,
+    /// The needle stands in the way of the sound.
+    pub needle_shadow: bool,
+    /// Strong echoes of the needle are seen beside it.
+    pub side_lobes: bool,
+}
+
+impl Default for Effects {
+    fn default() -> Self {
+        Self {
+            attenuation: true,
+            downshift: true,
+            sound_speed: true,
+            boundaries: true,
+            reverberation: true,
+            needle_shadow: true,
+            side_lobes: true,
+        }
+    }
+}
+
 /// A linear array and the settings of the scanner behind it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ProbeSpec {
@@ -26,12 +59,18 @@ pub struct ProbeSpec {
     pub fractional_bandwidth: f64,
     /// Depth over active aperture; fixes the lateral beam, 0.886·λ·F#.
     pub f_number: f64,
+    /// Depth at which the transmitted beam is focused; `None`: at every depth, as by several shots or synthetically.
+    pub transmit_focus_m: Option<f64>,
+    /// Length of the elements in elevation.
+    pub element_height_m: f64,
     /// Slice thickness over depth, by ascending depth, at least two entries.
     pub elevation: Vec<ElevationSample>,
     /// Sound speed the scanner assumes to turn time into depth.
     pub assumed_sound_speed_m_s: f64,
     /// Attenuation that the time-gain compensation undoes.
     pub tgc_db_cm_mhz: f64,
+    /// Further gain by depth, evenly spaced from the face to the bottom; none for none.
+    pub tgc_sliders_db: Vec<f64>,
     /// Dynamic range of the log compression.
     pub dynamic_range_db: f64,
     /// Grey level of unit-backscatter speckle's rms amplitude, as dB below white.
@@ -40,6 +79,8 @@ pub struct ProbeSpec {
     pub noise_level_db: f64,
     /// Picture layout.
     pub geometry: ImageGeometry,
+    /// What the picture is made of.
+    pub effects: Effects,
 }
 
 impl ProbeSpec {

@@ -1,20 +1,45 @@
-//! From working rows to display rows: the pulse.
+//! From working rows to display rows: the pulse, drawn where its echo's time says.
 
 use crate::{
-    beam::{PROFILE_REACH, exp_minus, unit_energy_peak},
+    beam::{Beam, PROFILE_REACH, unit_energy_peak},
+    fast::{exp_minus, floor},
     lateral::{BeamFilters, LateralScratch},
 };
 
 /// Columns are padded to a multiple of this, the width of the inner loops.
 pub const BLOCK: usize = 32;
-/// Rows kept: the pulse spans 13 rows at the steepest tilt.
-const RING: usize = 16;
+/// Columns that share one delay.
+const DELAY_BLOCK: usize = 8;
+/// Delays are rounded to this many pixels; blocks of equal delay go together.
+const DELAY_STEP_PX: f32 = 1.0 / 16.0;
+/// Fractions of a row at which taps are kept.
+const FRACTIONS: usize = 128;
+/// Rows that a pulse spans at most, at the steepest tilt.
+const TAPS: usize = 16;
+/// Rows kept: a pulse, and where materials delay the sound as many as neighbouring lines may lie apart.
+const RING: usize = TAPS;
+const RING_WITH_DELAYS: usize = 64;
 
-/// Scratch for one task: laterally filtered rows, the newest [`RING`] of them.
+/// Scratch for one task: laterally filtered rows, the newest of them.
 #[derive(Default)]
 pub struct AxialScratch {
     lateral: LateralScratch,
     ring: Vec<f32>,
+    delays_m: Vec<f32>,
+    groups: Vec<Group>,
+    /// Of each fraction of a row that a place lies past its `first_row`.
+    taps: Vec<[f32; TAPS]>,
+    /// Taps that the pulse needs, an even number, half of them above the place.
+    count: usize,
+}
+
+/// Columns of one display row that show one depth.
+struct Group {
+    first: usize,
+    end: usize,
+    /// Working row that tap 0 belongs to; before row 0 there is nothing.
+    first_row: i64,
+    fraction: usize,
 }
 
 impl AxialScratch {
@@ -28,45 +53,107 @@ impl AxialScratch {
         first_row: usize,
         out: &mut [f32],
     ) {
-        let BeamFilters { beam, map, rows, .. } = filters;
-        let (reach_m, step_m) = (PROFILE_REACH * beam.sigma_axial_m, map.row_step_m);
+        let BeamFilters { beam, paths, map, rows, .. } = filters;
+        self.tabulate(beam, map.row_step_m);
+        let rows_kept = if paths.any_delay { RING_WITH_DELAYS } else { RING };
+        self.ring.resize(rows_kept * 2 * columns, 0.0);
+        self.lateral.reset();
+        let count = self.count as i64;
+        let clip = |row: i64| row.clamp(0, *rows as i64) as usize;
+        let mut filled = None;
+        for (i, out) in out.chunks_exact_mut(2 * columns).enumerate() {
+            self.group(filters, columns, spacing_m, first_row + i);
+            let lowest = self.groups.iter().map(|group| clip(group.first_row)).min().unwrap_or(0);
+            let highest = self.groups.iter().map(|group| clip(group.first_row + count)).max().unwrap_or(0);
+            let mut next = filled.unwrap_or(lowest);
+            while next < highest {
+                let row = &mut self.ring[next % rows_kept * 2 * columns..][..2 * columns];
+                self.lateral.filter_row(filters, next, row.split_at_mut(columns).into());
+                next += 1;
+            }
+            filled = Some(next);
+            let (out_re, out_im) = out.split_at_mut(columns);
+            for group in &self.groups {
+                // Lines whose delays differ by more than the rows kept lose part of their pulse.
+                let low = clip(group.first_row).max(next.saturating_sub(rows_kept));
+                let high = clip(group.first_row + count).max(low);
+                let mut sources: [&[f32]; TAPS] = [&[]; TAPS];
+                for (row, source) in (low..high).zip(&mut sources) {
+                    *source = &self.ring[row % rows_kept * 2 * columns..][..2 * columns];
+                }
+                let skipped = (low as i64 - group.first_row).clamp(0, count) as usize;
+                let taps = &self.taps[group.fraction][skipped..][..high - low];
+                let Group { first, end, .. } = *group;
+                weighted_sum(taps, &sources, first, &mut out_re[first..end]);
+                weighted_sum(taps, &sources, columns + first, &mut out_im[first..end]);
+            }
+        }
+    }
+
+    /// Taps of the pulse for rows so far apart.
+    fn tabulate(&mut self, beam: &Beam, row_step_m: f64) {
         let peak = unit_energy_peak(beam.sigma_axial_m) as f32;
         let decay = (0.5 / (beam.sigma_axial_m * beam.sigma_axial_m)) as f32;
-        self.ring.resize(RING * 2 * columns, 0.0);
-        self.lateral.reset();
-        let window = |v: usize| {
-            let z_m = v as f64 * spacing_m;
-            let low = ((z_m - reach_m) / step_m).ceil().max(0.0) as usize;
-            let high = (((z_m + reach_m) / step_m).floor() as usize + 1).min(*rows);
-            (z_m, low, high)
+        let reach_m = PROFILE_REACH * beam.sigma_axial_m;
+        self.count = (2 * (reach_m / row_step_m).ceil() as usize).clamp(2, TAPS);
+        self.taps.clear();
+        self.taps.extend((0..FRACTIONS).map(|i| {
+            let place = (self.count / 2 - 1) as f64 + i as f64 / FRACTIONS as f64;
+            core::array::from_fn(|row| {
+                let d_m = (place - row as f64) * row_step_m;
+                let d = d_m as f32;
+                if d_m.abs() <= reach_m { peak * exp_minus(d * d * decay) } else { 0.0 }
+            })
+        }));
+    }
+
+    /// Cuts a display row into groups of columns that show one depth.
+    fn group(&mut self, filters: &BeamFilters, columns: usize, spacing_m: f64, row: usize) {
+        let BeamFilters { paths, map, .. } = filters;
+        let shown_m = row as f64 * spacing_m;
+        let per_row = FRACTIONS as f64 / map.row_step_m;
+        let above = self.count as i64 / 2 - 1;
+        let group = |first: usize, end: usize, delay_m: f64| {
+            let place = floor((shown_m - delay_m) * per_row + 0.5);
+            let fractions = FRACTIONS as i64;
+            Group {
+                first,
+                end,
+                first_row: place.div_euclid(fractions) - above,
+                fraction: place.rem_euclid(fractions) as usize,
+            }
         };
-        let mut filled = window(first_row).1;
-        for (i, out) in out.chunks_exact_mut(2 * columns).enumerate() {
-            let (z_m, low, high) = window(first_row + i);
-            while filled < high {
-                let row = &mut self.ring[filled % RING * 2 * columns..][..2 * columns];
-                self.lateral.filter_row(filters, filled, row.split_at_mut(columns).into());
-                filled += 1;
-            }
-            let mut taps = [0.0f32; RING];
-            let mut sources: [&[f32]; RING] = [&[]; RING];
-            for ((row, tap), source) in (low..high).zip(&mut taps).zip(&mut sources) {
-                let d = (z_m - row as f64 * step_m) as f32;
-                *tap = peak * exp_minus(d * d * decay);
-                *source = &self.ring[row % RING * 2 * columns..][..2 * columns];
-            }
-            let (taps, sources) = (&taps[..high - low], &sources[..high - low]);
-            weighted_sum(taps, sources, out);
+        self.groups.clear();
+        if !paths.any_delay {
+            self.groups.push(group(0, columns, 0.0));
+            return;
+        }
+        self.delays_m.resize(columns / DELAY_BLOCK, 0.0);
+        paths.delays_of_row(row, &mut self.delays_m);
+        let step_m = DELAY_STEP_PX * spacing_m as f32;
+        self.delays_m.iter_mut().for_each(|delay| *delay = floor(f64::from(*delay / step_m) + 0.5) as f32);
+        let mut first = 0;
+        for same in self.delays_m.chunk_by(|a, b| a == b) {
+            let end = first + same.len() * DELAY_BLOCK;
+            self.groups.push(group(first, end, f64::from(same[0] * step_m)));
+            first = end;
         }
     }
 }
 
-/// `out[x] = Σ_t taps[t]·sources[t][x]`, a multiple of [`BLOCK`] values.
-fn weighted_sum(taps: &[f32], sources: &[&[f32]], out: &mut [f32]) {
-    for (x, out) in out.chunks_exact_mut(BLOCK).enumerate() {
-        let mut sum = [0.0f32; BLOCK];
+/// `out[x] = Σ_t taps[t]·sources[t][first + x]`.
+fn weighted_sum(taps: &[f32], sources: &[&[f32]], first: usize, out: &mut [f32]) {
+    let wide = out.len() / BLOCK * BLOCK;
+    let (wide_out, narrow_out) = out.split_at_mut(wide);
+    blocks::<BLOCK>(taps, sources, first, wide_out);
+    blocks::<DELAY_BLOCK>(taps, sources, first + wide, narrow_out);
+}
+
+fn blocks<const N: usize>(taps: &[f32], sources: &[&[f32]], first: usize, out: &mut [f32]) {
+    for (x, out) in out.chunks_exact_mut(N).enumerate() {
+        let mut sum = [0.0f32; N];
         for (source, &tap) in sources.iter().zip(taps) {
-            for (s, &v) in sum.iter_mut().zip(&source[x * BLOCK..][..BLOCK]) {
+            for (s, &v) in sum.iter_mut().zip(&source[first + x * N..][..N]) {
                 *s += tap * v;
             }
         }

@@ -16,6 +16,12 @@ const MIN_APERTURE_ELEMENTS: f64 = 4.0;
 /// the inverse root of the thickness; levels need one thickness to refer to.
 const LEVEL_REFERENCE_THICKNESS_M: f64 = 1e-3;
 
+/// The centre frequency's fall over itself, 2b²c, beyond which [`pulse_loss_np`] is a straight line.
+const MAX_SHIFT: f32 = 0.25;
+
+/// Neper per decibel, ln 10/20.
+pub const NEPER_PER_DB: f64 = core::f64::consts::LN_10 / 20.0;
+
 /// Elevation profiles are cut at this many σ: amplitude 4 %, and 4e-4 of the energy is beyond.
 pub const ELEVATION_REACH: f64 = 2.5;
 /// Axial and lateral profiles are cut at this many σ for speckle: amplitude 0.1 %.
@@ -68,6 +74,21 @@ impl Beam {
         self.elevation_sigma_m[index.min(self.elevation_sigma_m.len() - 1)]
     }
 
+    /// Two-way −6 dB thickness of the slice at a depth.
+    pub fn thickness_m(&self, depth_m: f64) -> f64 {
+        FWHM_PER_SIGMA * self.sigma_elevation_m(depth_m)
+    }
+
+    /// Half the active aperture over its depth.
+    pub fn half_cone(&self) -> f64 {
+        0.5 / self.probe.f_number
+    }
+
+    /// Variance of the pulse's spectrum over its centre frequency squared.
+    pub fn relative_spread_squared(&self) -> f32 {
+        (self.probe.fractional_bandwidth / FWHM_PER_SIGMA).powi(2) as f32
+    }
+
     /// Smallest and largest σ of the elevational profile over all depths.
     pub fn sigma_elevation_range_m(&self) -> [f64; 2] {
         let widths = self.probe.elevation.iter().map(|s| s.width_m);
@@ -85,13 +106,30 @@ impl Beam {
     pub fn widening(&self, x_m: f64, depth_m: f64) -> f64 {
         let (wanted, half) = (self.wanted_aperture_m(depth_m), self.half_aperture_m);
         let available = (x_m + wanted / 2.0).min(half) - (x_m - wanted / 2.0).max(-half);
-        if available * MAX_WIDENING <= wanted { MAX_WIDENING } else { wanted / available }
+        let cut = if available * MAX_WIDENING <= wanted { MAX_WIDENING } else { wanted / available };
+        cut * self.defocus(depth_m)
+    }
+
+    /// How much wider than at its focus the two-way beam is at a depth. Sending and receiving are equally wide where
+    /// the aperture is focused, so each is √2 wider than both together. Away from its focus the sent beam is as wide as
+    /// the aperture's cone, a uniform width of |z − z_f|/F#; what is received is in focus everywhere.
+    fn defocus(&self, depth_m: f64) -> f64 {
+        let Some(focus_m) = self.probe.transmit_focus_m else { return 1.0 };
+        let one_way_m = core::f64::consts::SQRT_2 * self.sigma_lateral_m;
+        let cone_m = (depth_m - focus_m) / self.probe.f_number / 12.0f64.sqrt();
+        let sent = 1.0 + (cone_m / one_way_m).powi(2);
+        (2.0 / (1.0 + 1.0 / sent)).sqrt()
+    }
+
+    /// The most that [`Self::widening`] can be.
+    pub fn most_widening(&self, half_width_m: f64, deepest_m: f64) -> f64 {
+        let focus = if self.probe.transmit_focus_m.is_some() { core::f64::consts::SQRT_2 } else { 1.0 };
+        self.widening(half_width_m, deepest_m) / self.defocus(deepest_m) * focus
     }
 
     /// Factor from a level over speckle, as a needle states it, to the echo's peak at this place.
     pub fn level_scale(&self, x_m: f64, depth_m: f64) -> f64 {
-        let thickness_m = FWHM_PER_SIGMA * self.sigma_elevation_m(depth_m);
-        (LEVEL_REFERENCE_THICKNESS_M / thickness_m / self.widening(x_m, depth_m)).sqrt()
+        (LEVEL_REFERENCE_THICKNESS_M / self.thickness_m(depth_m) / self.widening(x_m, depth_m)).sqrt()
     }
 }
 
@@ -102,32 +140,12 @@ pub fn unit_energy_peak(sigma_m: f64) -> f64 {
 
 /// 10^(dB/20).
 pub fn amplitude_from_db(db: f64) -> f64 {
-    libm::exp(db * (core::f64::consts::LN_10 / 20.0))
+    libm::exp(db * NEPER_PER_DB)
 }
 
-/// exp(−x) for 0 ≤ x ≤ 8.5 to 1e-4 of its value, and 2e-4 beyond: a Taylor polynomial of x/16, four times
-/// squared. Plain products and sums, so loops over it vectorise and every CPU gives the same bits.
-#[inline(always)]
-pub fn exp_minus(x: f32) -> f32 {
-    let y = x.min(8.5) * (1.0 / 16.0);
-    let series = 1.0
-        - y * (1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y * (1.0 / 120.0 - y * (1.0 / 720.0))))));
-    let squared = series * series;
-    let fourth = squared * squared;
-    let eighth = fourth * fourth;
-    eighth * eighth
-}
-
-#[cfg(test)]
-mod tests {
-    use super::exp_minus;
-
-    #[test]
-    fn truth_fast_exponential_follows_libm() {
-        for i in 0..=850 {
-            let x = i as f32 * 0.01;
-            let exact = libm::exp(-f64::from(x));
-            assert!((f64::from(exp_minus(x)) / exact - 1.0).abs() < 1e-4, "at {x}");
-        }
-    }
+/// What a pulse loses where its centre frequency loses `loss_np`, one way: less, as its spectrum moves down. With the
+/// relative variance b² of a Gaussian spectrum 2c neper both ways become 2c − 2b²c², as long as the spectrum stays away
+/// from no frequency at all.
+pub fn pulse_loss_np(loss_np: f32, spread: f32) -> f32 {
+    loss_np - spread * loss_np * loss_np.min(MAX_SHIFT / spread.max(1e-9))
 }

@@ -1,13 +1,25 @@
 //! Materials along the lattice's columns, asked for once and kept.
 
-use sonoloop_types::{ColumnSegment, Tissue};
+use sonoloop_types::{ColumnSegment, ProbeSpec, Tissue};
 
-use crate::{beam::amplitude_from_db, lattice::Lattice};
+use crate::{
+    beam::{NEPER_PER_DB, amplitude_from_db},
+    boundary::{Boundary, Facet, PLANE_LEVEL_DB, ROUGH_SHARE_DB, facets},
+    lattice::Lattice,
+};
 
 const TILE: i32 = 32;
 const UNKNOWN: u32 = u32::MAX;
 /// Columns beyond this index are outside any phantom (and would overflow the tile table).
 const MAX_INDEX: i32 = 16_384;
+
+/// Beyond these no material slows sound down or speeds it up, as assumed over true speed minus one: depths must
+/// stay in order, and what lies behind such a material is in its shadow.
+const SLOWEST: f64 = 0.3;
+const FASTEST: f64 = -0.8;
+/// A rough boundary is drawn where it has this much of the power of the speckle beside it, or of unit speckle.
+const ROUGH_OVER_SPECKLE: f32 = 0.05;
+const ROUGH_FLOOR: f32 = 1e-3;
 
 /// A stretch of one material, in scatterer indices of its column: `start..end`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,8 +28,12 @@ pub struct Stretch {
     pub end: i32,
     /// Scatter amplitude relative to unit backscatter; 0 where nothing scatters.
     pub amplitude: f32,
-    /// Two-way attenuation at the probe's centre frequency.
-    pub attenuation_db_m: f32,
+    /// One-way attenuation at the probe's centre frequency.
+    pub loss_np_m: f32,
+    /// One-way loss by reflection at its upper end.
+    pub entry_loss_np: f32,
+    /// Displayed minus true length per length.
+    pub delay: f32,
 }
 
 /// Place of a column's stretches, see [`Columns::stretches`].
@@ -27,51 +43,99 @@ pub struct Range {
     count: u32,
 }
 
+const EMPTY: Range = Range { first: 0, count: 0 };
+
+/// A range for every column, in tiles that are made when one of their columns is asked for.
+struct Table {
+    /// Columns exist for −half ≤ index < half, along x and y.
+    half: [i32; 2],
+    tiles: Vec<Option<Box<[Range]>>>,
+}
+
+impl Table {
+    fn new(half: [i32; 2]) -> Self {
+        let [across, along] = half.map(|h| (2 * h / TILE) as usize);
+        Self { half, tiles: (0..across * along).map(|_| None).collect() }
+    }
+
+    /// `None` outside.
+    #[inline]
+    fn entry(&mut self, ix: i32, iy: i32) -> Option<&mut Range> {
+        let [hx, hy] = self.half;
+        if ix < -hx || ix >= hx || iy < -hy || iy >= hy {
+            return None;
+        }
+        let (i, j, side) = ((ix + hx) as usize, (iy + hy) as usize, TILE as usize);
+        let tile = self.tiles[j / side * (2 * hx / TILE) as usize + i / side]
+            .get_or_insert_with(|| vec![Range { first: UNKNOWN, count: 0 }; side * side].into());
+        Some(&mut tile[j % side * side + i % side])
+    }
+}
+
+/// What the picture needs of a material.
+#[derive(Clone, Copy)]
+struct Medium {
+    amplitude: f32,
+    loss_np_m: f32,
+    delay: f32,
+    impedance: f64,
+}
+
 /// Tissue as seen by the lattice.
 pub struct Columns {
     tissue: Tissue,
     lattice: Lattice,
-    /// Amplitude and two-way attenuation of each material.
-    materials: Vec<(f32, f32)>,
-    /// Columns exist for −half ≤ index < half, along x and y.
-    half: [i32; 2],
-    tiles_across: usize,
-    tiles: Vec<Option<Box<[Range]>>>,
+    media: Vec<Medium>,
+    draws_boundaries: bool,
     stretches: Vec<Stretch>,
+    stretches_of: Table,
+    /// Boundaries and facets of a column stand at the same places.
+    boundaries: Vec<Boundary>,
+    boundaries_of: Table,
+    facets: Vec<Facet>,
+    facets_of: Table,
     segments: Vec<ColumnSegment>,
 }
 
 impl Columns {
-    pub fn new(tissue: Tissue, lattice: Lattice, centre_frequency_hz: f64) -> Self {
-        let frequency_mhz = centre_frequency_hz * 1e-6;
-        let materials = tissue.materials().iter().map(|m| {
-            let amplitude = m.backscatter_db.map_or(0.0, amplitude_from_db);
-            let one_way_db_cm = m.attenuation_db_cm_mhz * libm::pow(frequency_mhz, m.attenuation_exponent);
-            (amplitude as f32, (2.0 * 100.0 * one_way_db_cm) as f32)
+    pub fn new(tissue: Tissue, lattice: Lattice, probe: &ProbeSpec) -> Self {
+        let frequency_mhz = probe.centre_frequency_hz * 1e-6;
+        let effects = probe.effects;
+        let media = tissue.materials().iter().map(|m| {
+            let db_cm = m.attenuation_db_cm_mhz * libm::pow(frequency_mhz, m.attenuation_exponent);
+            let slower = (probe.assumed_sound_speed_m_s / m.sound_speed_m_s - 1.0).clamp(FASTEST, SLOWEST);
+            Medium {
+                amplitude: m.backscatter_db.map_or(0.0, amplitude_from_db) as f32,
+                loss_np_m: if effects.attenuation { (100.0 * db_cm * NEPER_PER_DB) as f32 } else { 0.0 },
+                delay: if effects.sound_speed { slower as f32 } else { 0.0 },
+                impedance: m.sound_speed_m_s * m.density_kg_m3,
+            }
         });
-        let materials = materials.collect();
+        let media = media.collect();
         let half = [0, 1].map(|axis| {
             let spacing_m = [lattice.column_spacing_m, lattice.row_spacing_m][axis];
             // One more than fits, for the rows that are shifted.
             let columns = (tissue.size_m()[axis] / 2.0 / spacing_m).ceil() + 1.0;
             ((columns as i32).clamp(0, MAX_INDEX) + TILE - 1) / TILE * TILE
         });
-        let [across, along] = half.map(|h| (2 * h / TILE) as usize);
         Self {
             tissue,
             lattice,
-            materials,
-            half,
-            tiles_across: across,
-            tiles: (0..across * along).map(|_| None).collect(),
+            media,
+            draws_boundaries: effects.boundaries,
             stretches: Vec::new(),
+            stretches_of: Table::new(half),
+            boundaries: Vec::new(),
+            boundaries_of: Table::new(half),
+            facets: Vec::new(),
+            facets_of: Table::new(half),
             segments: Vec::new(),
         }
     }
 
     /// Column indices exist in `−half..half` along x and y.
     pub fn half(&self) -> [i32; 2] {
-        self.half
+        self.stretches_of.half
     }
 
     /// The stretches of a column from the top down.
@@ -85,33 +149,96 @@ impl Columns {
     }
 
     /// Where the stretches of a column are kept; an empty range outside the phantom.
+    #[inline]
     pub fn get(&mut self, ix: i32, iy: i32) -> Range {
-        let [hx, hy] = self.half;
-        if ix < -hx || ix >= hx || iy < -hy || iy >= hy {
-            return Range { first: 0, count: 0 };
+        match self.stretches_of.entry(ix, iy) {
+            None => EMPTY,
+            Some(range) if range.first != UNKNOWN => *range,
+            Some(_) => self.read(ix, iy),
         }
-        let (i, j) = ((ix + hx) as usize, (iy + hy) as usize);
-        let side = TILE as usize;
-        let tile = self.tiles[j / side * self.tiles_across + i / side]
-            .get_or_insert_with(|| vec![Range { first: UNKNOWN, count: 0 }; side * side].into());
-        let range = &mut tile[j % side * side + i % side];
-        if range.first == UNKNOWN {
-            let [x_m, y_m] = self.lattice.column_m(ix, iy);
-            self.tissue.column(x_m, y_m, &mut self.segments);
-            let first = self.stretches.len();
-            for segment in &self.segments {
-                let (start, end) =
-                    (self.lattice.first_below(segment.top_z_m), self.lattice.first_below(segment.bottom_z_m));
-                let Some(&(amplitude, attenuation_db_m)) = self.materials.get(usize::from(segment.material))
-                else {
-                    continue;
-                };
-                if start < end {
-                    self.stretches.push(Stretch { start, end, amplitude, attenuation_db_m });
+    }
+
+    /// The facets of a column's boundaries; none outside the phantom.
+    pub fn facets(&mut self, ix: i32, iy: i32) -> &[Facet] {
+        let range = match self.facets_of.entry(ix, iy) {
+            None => EMPTY,
+            Some(range) if range.first != UNKNOWN => *range,
+            Some(_) => {
+                let own = self.boundaries(ix, iy);
+                let range = Range { first: self.facets.len() as u32, count: own.len() as u32 };
+                if !own.is_empty() {
+                    let spacing_m = self.lattice.spacing_m();
+                    let found = facets(&own, spacing_m, [ix, iy], |ix, iy| self.boundaries(ix, iy));
+                    self.facets.extend(found);
+                }
+                if let Some(entry) = self.facets_of.entry(ix, iy) {
+                    *entry = range;
+                }
+                range
+            }
+        };
+        &self.facets[range.first as usize..][..range.count as usize]
+    }
+
+    fn boundaries(&mut self, ix: i32, iy: i32) -> Vec<Boundary> {
+        self.get(ix, iy);
+        let range = self.boundaries_of.entry(ix, iy).map_or(EMPTY, |range| *range);
+        self.boundaries[range.first as usize..][..range.count as usize].to_vec()
+    }
+
+    /// Asks the tissue for a column inside the table.
+    fn read(&mut self, ix: i32, iy: i32) -> Range {
+        let [x_m, y_m] = self.lattice.column_m(ix, iy);
+        self.tissue.column(x_m, y_m, &mut self.segments);
+        let (first, first_boundary) = (self.stretches.len(), self.boundaries.len());
+        let mut above: Option<(u16, Medium)> = None;
+        for segment in &self.segments {
+            let Some(&medium) = self.media.get(usize::from(segment.material)) else { continue };
+            let Medium { amplitude, loss_np_m, delay, impedance } = medium;
+            let start = self.lattice.first_below(segment.top_z_m);
+            let end = self.lattice.first_below(segment.bottom_z_m);
+            let boundary = above.filter(|_| self.draws_boundaries).map(|(material, above)| Boundary {
+                z_m: segment.top_z_m,
+                between: [material, segment.material],
+                reflection: (impedance - above.impedance) / (impedance + above.impedance),
+                thickness_m: (segment.top_z_m - segment.bottom_z_m) * (1.0 + f64::from(delay)),
+            });
+            let mut stretch = Stretch { start, end, amplitude, loss_np_m, entry_loss_np: 0.0, delay };
+            if let (Some(boundary), Some((_, above))) = (boundary, above) {
+                let reflected = boundary.reflection.abs() * amplitude_from_db(PLANE_LEVEL_DB);
+                let rough = (reflected * amplitude_from_db(ROUGH_SHARE_DB)) as f32;
+                let beside = amplitude.max(above.amplitude);
+                if start < end && rough * rough > ROUGH_FLOOR.max(ROUGH_OVER_SPECKLE * beside * beside) {
+                    // The surface is one layer of stronger scatterers.
+                    let surface = (rough * rough + amplitude * amplitude).sqrt();
+                    let entry_loss_np = boundary.entry_loss_np() as f32;
+                    self.stretches.push(Stretch {
+                        end: start + 1,
+                        amplitude: surface,
+                        entry_loss_np,
+                        ..stretch
+                    });
+                    stretch.start += 1;
+                } else {
+                    stretch.entry_loss_np = boundary.entry_loss_np() as f32;
+                }
+                if boundary.shows() {
+                    self.boundaries.push(boundary);
                 }
             }
-            *range = Range { first: first as u32, count: (self.stretches.len() - first) as u32 };
+            if stretch.start < stretch.end {
+                self.stretches.push(stretch);
+            }
+            above = Some((segment.material, medium));
         }
-        *range
+        let range = |first: usize, end: usize| Range { first: first as u32, count: (end - first) as u32 };
+        let stretches = range(first, self.stretches.len());
+        let boundaries = range(first_boundary, self.boundaries.len());
+        for (table, range) in [(&mut self.stretches_of, stretches), (&mut self.boundaries_of, boundaries)] {
+            if let Some(entry) = table.entry(ix, iy) {
+                *entry = range;
+            }
+        }
+        stretches
     }
 }

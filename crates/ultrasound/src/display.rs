@@ -2,7 +2,13 @@
 
 use sonoloop_types::ProbeSpec;
 
-use crate::{beam::amplitude_from_db, gain::GainMap, lattice::mix, tape::gaussian_tape};
+use crate::{
+    beam::{Beam, NEPER_PER_DB, amplitude_from_db, pulse_loss_np},
+    fast::power_db,
+    lattice::mix,
+    paths::Paths,
+    tape::gaussian_tape,
+};
 
 /// Samples of electronic noise that all pictures share, read at a hashed offset per row.
 const NOISE_LENGTH: usize = 1 << 16;
@@ -22,8 +28,12 @@ pub struct Display {
     noise: [Vec<f32>; 2],
     /// Noise rms over unit speckle.
     noise_amplitude: f32,
-    /// Two-way compensation per metre of depth.
-    tgc_db_m: f64,
+    /// One-way loss that is compensated, neper per metre, and the variance of the pulse's relative spectrum.
+    tgc_np_m: f64,
+    spread: f32,
+    /// Gain by depth, evenly from the face to the bottom.
+    sliders_db: Vec<f64>,
+    deepest_m: f64,
     /// Grey level of 0 dB over unit speckle, and levels per dB.
     white_db: f32,
     grey_per_db: f32,
@@ -38,23 +48,37 @@ pub struct Exposure {
 }
 
 impl Display {
-    pub fn new(probe: &ProbeSpec, seed: u64) -> Self {
+    pub fn new(beam: &Beam, probe: &ProbeSpec, seed: u64) -> Self {
         let noise = gaussian_tape(seed, 2, NOISE_LENGTH);
         Self {
             seed: mix(seed ^ 0x6e6f_6973_6500_0000),
             noise: [0, 1].map(|part| noise.iter().map(|v| v[part]).collect()),
             noise_amplitude: amplitude_from_db(probe.noise_level_db) as f32,
-            tgc_db_m: 2.0 * 100.0 * probe.tgc_db_cm_mhz * probe.centre_frequency_hz * 1e-6,
+            tgc_np_m: 100.0 * probe.tgc_db_cm_mhz * probe.centre_frequency_hz * 1e-6 * NEPER_PER_DB,
+            spread: if probe.effects.downshift { beam.relative_spread_squared() } else { 0.0 },
+            sliders_db: probe.tgc_sliders_db.clone(),
+            deepest_m: probe.geometry.height_px as f64 * probe.geometry.spacing_m,
             white_db: probe.speckle_level_db as f32,
             grey_per_db: (255.0 / probe.dynamic_range_db) as f32,
         }
+    }
+
+    /// Two-way gain at a depth: what the assumed attenuation takes from the pulse, and the sliders.
+    fn compensation_db(&self, z_m: f64) -> f64 {
+        let loss_np = pulse_loss_np((self.tgc_np_m * z_m) as f32, self.spread);
+        let loss_db = 2.0 * f64::from(loss_np) / NEPER_PER_DB;
+        let Some(last) = self.sliders_db.len().checked_sub(1) else { return loss_db };
+        let place = (z_m / self.deepest_m).clamp(0.0, 1.0) * last as f64;
+        let below = (place as usize + 1).min(last);
+        let above = self.sliders_db[place as usize];
+        loss_db + above + (self.sliders_db[below] - above) * (place - place.floor())
     }
 
     /// Grey levels of one display row from its field before losses.
     pub fn row(
         &self,
         exposure: &Exposure,
-        gain: &GainMap,
+        paths: &Paths,
         row: usize,
         field: (&[f32], &[f32]),
         pixels: &mut [u8],
@@ -64,9 +88,9 @@ impl Display {
         let hash = mix(self.seed ^ mix(exposure.sequence ^ mix(row as u64)));
         let first = (hash % (NOISE_LENGTH - columns.min(NOISE_LENGTH)) as u64) as usize;
         let gain_db = if exposure.gain_db.is_finite() { exposure.gain_db } else { 0.0 };
-        let level_db = (self.tgc_db_m * z_m + gain_db.clamp(-200.0, 200.0)) as f32 - self.white_db;
-        let ringing = if gain.any_blind { ringing(z_m) } else { 0.0 };
-        let (above, below, share) = gain.row(row);
+        let level_db = (self.compensation_db(z_m) + gain_db.clamp(-200.0, 200.0)) as f32 - self.white_db;
+        let ringing = if paths.contact.any_blind { ringing(z_m) } else { 0.0 };
+        let (above, below, share) = paths.row(row);
         let noise = self.noise.each_ref().map(|part| &part[first..]);
         // In short passes over a few pixels: the logarithm is one long chain, and several must be under way.
         for (pass, pixels) in pixels.chunks_mut(PASS).enumerate() {
@@ -74,7 +98,7 @@ impl Display {
             let mut level = [0.0f32; PASS];
             let (re, im) = (&field.0[here.clone()], &field.1[here.clone()]);
             let (above, below) = (&above[here.clone()], &below[here.clone()]);
-            let (noise, blind) = (noise.map(|part| &part[here.clone()]), &gain.blind[here.clone()]);
+            let (noise, blind) = (noise.map(|part| &part[here.clone()]), &paths.contact.blind[here.clone()]);
             for (x, level) in level.iter_mut().enumerate().take(pixels.len()) {
                 let a = above[x] + share * (below[x] - above[x]);
                 let r = re[x] * a + noise[0][x] * self.noise_amplitude + blind[x] * ringing;
@@ -102,31 +126,4 @@ fn ringing(z_m: f64) -> f32 {
     let u = from_band_m / RINGING_SIGMA_M;
     let band = 0.15 + 0.85 * libm::exp(-0.5 * u * u);
     (band * amplitude_from_db(RINGING_LEVEL_DB - RINGING_DECAY_DB_M * z_m)) as f32
-}
-
-/// 10·log10 of a power to 2e-4 dB: exponent bits, and a polynomial for the logarithm
-/// of the mantissa (least maximum error, fitted) that is exact at both its ends. The floor of −300 dB keeps zero finite.
-#[inline(always)]
-fn power_db(power: f32) -> f32 {
-    const DB_PER_OCTAVE: f32 = 3.010_3;
-    let bits = power.max(1e-30).to_bits();
-    let exponent = (bits >> 23) as i32 - 127;
-    let m = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000) - 1.0;
-    let log2 = m + m * (1.0 - m) * (0.441_917 + m * (-0.267_179_3 + m * (0.148_426_5 - m * 0.045_148_93)));
-    DB_PER_OCTAVE * (exponent as f32 + log2)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::power_db;
-
-    #[test]
-    fn truth_fast_decibels_follow_libm() {
-        for i in -2000..2000 {
-            let power = libm::exp(f64::from(i) * 0.03) as f32;
-            let exact = 10.0 * libm::log10(f64::from(power.max(1e-30)));
-            assert!((f64::from(power_db(power)) - exact).abs() < 2e-4, "at {power}");
-        }
-        assert!(power_db(0.0) < -290.0);
-    }
 }

@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 
 use crate::{
-    beam::{Beam, ELEVATION_REACH, exp_minus, unit_energy_peak},
-    jobs::floor,
+    beam::{Beam, ELEVATION_REACH, unit_energy_peak},
+    fast::{exp_minus, floor},
     shear::Shear,
 };
 

@@ -3,6 +3,7 @@
 use crate::{
     columns::{Columns, Range},
     elevation::{Crossing, ElevationTable, STRIDE},
+    fast::floor,
     lattice::{Lattice, TAPE_LENGTH},
     shear::Shear,
     tape::{BakedTape, SUB_DELAYS},
@@ -46,13 +47,6 @@ fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
     [a * c - b * d, a * d + b * c]
 }
 
-/// Largest whole number at or below `v`, for |v| below 2⁴⁰. SSE2 has no rounding, and a call per column tells.
-#[inline(always)]
-pub fn floor(v: f64) -> i64 {
-    const OFFSET: i64 = 1 << 40;
-    (v + OFFSET as f64) as i64 - OFFSET
-}
-
 impl Jobs {
     pub fn build(
         &mut self,
@@ -64,6 +58,7 @@ impl Jobs {
         phase_per_row_rad: f64,
     ) {
         let [[ix_min, ix_max], [iy_min, iy_max]] = shear.columns;
+        let elevations_m = elevation.range_m();
         let turn = |rows: f64| {
             let (sin, cos) = libm::sincos(-phase_per_row_rad * rows);
             [cos, sin]
@@ -76,8 +71,7 @@ impl Jobs {
 
         self.unsorted.clear();
         for iy in iy_min..=iy_max {
-            let [first, last] = self.overlap(shear, elevation, iy);
-            for ix in first..=last {
+            for ix in shear.overlap(elevations_m, iy) {
                 let Some(crossing) = elevation.crossing(shear.e.at(ix, iy)) else { continue };
                 let x_m = shear.x.at(ix, iy);
                 let (x_lo, x_hi) = shear.rows_within(x_m, shear.lateral_slope, shear.reach_m);
@@ -126,23 +120,6 @@ impl Jobs {
             }
         }
         self.sort(shear.lines);
-    }
-
-    /// Range of ix whose columns can meet the slice and the picture's width in lattice row iy.
-    fn overlap(&self, shear: &Shear, elevation: &ElevationTable, iy: i32) -> [i32; 2] {
-        let [low, high] = shear.columns[0];
-        let mut range = [f64::from(low), f64::from(high)];
-        let [e_low, e_high] = elevation.range_m();
-        let x_high = shear.first_line_m + shear.line_pitch_m * shear.lines as f64;
-        for (value, low, high) in [(shear.e, e_low, e_high), (shear.x, shear.first_line_m, x_high)] {
-            if value.per_ix.abs() < 1e-9 {
-                continue;
-            }
-            let at_zero = value.in_row(iy);
-            let (a, b) = ((low - at_zero) / value.per_ix, (high - at_zero) / value.per_ix);
-            range = [range[0].max(a.min(b) - 1.0), range[1].min(a.max(b) + 1.0)];
-        }
-        if range[0] > range[1] { [1, 0] } else { [range[0] as i32, range[1] as i32] }
     }
 
     /// Counting sort by line, stable.

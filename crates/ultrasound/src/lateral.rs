@@ -2,6 +2,7 @@
 
 use crate::{
     beam::{Beam, unit_energy_peak},
+    paths::Paths,
     splat::{BAND, CHUNK, Grid},
 };
 
@@ -36,7 +37,7 @@ pub struct LateralFilters {
 impl LateralFilters {
     /// `half_width_m` and `deepest_m` bound the picture, where the beam is widest.
     pub fn new(beam: &Beam, line_pitch_m: f64, half_width_m: f64, deepest_m: f64) -> Self {
-        let widest = beam.widening(half_width_m, deepest_m);
+        let widest = beam.most_widening(half_width_m, deepest_m) * Paths::most_stretch();
         let filters: Vec<Filter> = (0..=((widest - 1.0) * WIDTHS).ceil() as usize)
             .map(|i| filter(beam.sigma_lateral_m * (1.0 + i as f64 / WIDTHS), line_pitch_m))
             .collect();
@@ -49,10 +50,10 @@ impl LateralFilters {
     }
 
     /// Which filter each block of columns takes at a depth.
-    fn select(&self, beam: &Beam, first_x_m: f64, pitch_m: f64, depth_m: f64, blocks: &mut [u16]) {
+    fn select(&self, beam: &Beam, paths: &Paths, map: &LineMap, depth_m: f64, blocks: &mut [u16]) {
         for (b, index) in blocks.iter_mut().enumerate() {
-            let x_m = first_x_m + (b * BLOCK + BLOCK / 2) as f64 * pitch_m;
-            *index = self.index(beam.widening(x_m, depth_m)) as u16;
+            let x_m = map.first_x_m + (b * BLOCK + BLOCK / 2) as f64 * map.pitch_m;
+            *index = self.index(beam.widening(x_m, depth_m) * paths.stretch(x_m, depth_m)) as u16;
         }
     }
 
@@ -88,6 +89,7 @@ impl LateralFilters {
 /// What turns a filled grid into display rows.
 pub struct BeamFilters<'a> {
     pub beam: &'a Beam,
+    pub paths: &'a Paths,
     pub lateral: &'a LateralFilters,
     pub grid: &'a Grid,
     pub map: LineMap,
@@ -203,7 +205,7 @@ impl LateralScratch {
 
     /// Loads the chunk of `row`; returns its first row.
     fn load(&mut self, filters: &BeamFilters, row: usize, columns: usize) -> usize {
-        let BeamFilters { beam, lateral, grid, map, .. } = filters;
+        let BeamFilters { beam, paths, lateral, grid, map, .. } = filters;
         let first_row = row / CHUNK * CHUNK;
         let ends = [first_row, first_row + CHUNK - 1].map(|row| map.line_at(row).floor() as i64);
         let first = ends[0].min(ends[1]) - lateral.radius as i64 + 1;
@@ -217,7 +219,7 @@ impl LateralScratch {
         // Widths change little over a chunk (0.6 mm for a 7.5 MHz probe).
         let depth_m = (first_row + CHUNK / 2) as f64 * map.row_step_m;
         self.blocks.resize(columns / BLOCK, 0);
-        lateral.select(beam, map.first_x_m, map.pitch_m, depth_m, &mut self.blocks);
+        lateral.select(beam, paths, map, depth_m, &mut self.blocks);
         self.first_row = Some(first_row);
         first_row
     }

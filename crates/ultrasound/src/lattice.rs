@@ -1,6 +1,6 @@
 //! Where scatterers are, and how strong: the lattice in the phantom.
 
-use crate::beam::Beam;
+use crate::{beam::Beam, fast::floor};
 
 /// Samples in the shared tape; columns read it at hashed offsets.
 pub const TAPE_LENGTH: usize = 4096;
@@ -19,6 +19,8 @@ pub struct Lattice {
     pub row_spacing_m: f64,
     /// Distance d between scatterers of a column.
     pub depth_step_m: f64,
+    /// Columns, rows and scatterers per metre.
+    per_m: [f64; 3],
     seed: u64,
 }
 
@@ -26,10 +28,13 @@ impl Lattice {
     pub fn new(beam: &Beam, seed: u64) -> Self {
         let [thinnest_m, _] = beam.sigma_elevation_range_m();
         let row_spacing_m = (1.62 * beam.sigma_lateral_m).min(0.9 * thinnest_m);
+        let column_spacing_m = row_spacing_m / (3.0f64.sqrt() / 2.0);
+        let depth_step_m = 1.15 * beam.sigma_axial_m;
         Self {
-            column_spacing_m: row_spacing_m / (3.0f64.sqrt() / 2.0),
+            column_spacing_m,
             row_spacing_m,
-            depth_step_m: 1.15 * beam.sigma_axial_m,
+            depth_step_m,
+            per_m: [column_spacing_m, row_spacing_m, depth_step_m].map(|spacing_m| 1.0 / spacing_m),
             seed: mix(seed ^ 0x6c61_7474_6963_6500),
         }
     }
@@ -45,11 +50,16 @@ impl Lattice {
         [along * self.column_spacing_m, (f64::from(iy) + 0.5) * self.row_spacing_m]
     }
 
+    /// Distances between columns and between rows.
+    pub fn spacing_m(&self) -> [f64; 2] {
+        [self.column_spacing_m, self.row_spacing_m]
+    }
+
     /// Column next to a place in the phantom.
     pub fn nearest(&self, x_m: f64, y_m: f64) -> [i32; 2] {
-        let iy = (y_m / self.row_spacing_m).floor().clamp(-1e6, 1e6) as i32;
-        let ix = (x_m / self.column_spacing_m - Self::shift(iy)).floor().clamp(-1e6, 1e6);
-        [ix as i32, iy]
+        let iy = floor((y_m * self.per_m[1]).clamp(-1e6, 1e6)) as i32;
+        let ix = floor((x_m * self.per_m[0] - Self::shift(iy)).clamp(-1e6, 1e6)) as i32;
+        [ix, iy]
     }
 
     /// Amplitude that makes the speckle's mean power one when profiles have unit energy.
@@ -61,6 +71,11 @@ impl Lattice {
     pub fn tape_offset(&self, ix: i32, iy: i32) -> usize {
         let key = (u64::from(ix as u32) << 32) | u64::from(iy as u32);
         (mix(self.seed ^ mix(key)) % TAPE_LENGTH as u64) as usize
+    }
+
+    /// Index of the scatterer at `z_m` (phantom frame), and how far past it.
+    pub fn index_at(&self, z_m: f64) -> f64 {
+        -z_m * self.per_m[2] - 0.5
     }
 
     /// Index of the first scatterer at or below `z_m` (phantom frame).

@@ -42,14 +42,20 @@
 
 mod axial;
 mod beam;
+mod boundary;
 mod columns;
+mod contact;
 mod display;
+mod echo;
 mod elevation;
-mod gain;
+mod fast;
 mod jobs;
 mod lateral;
 mod lattice;
+mod march;
 mod needle;
+mod occlusion;
+mod paths;
 pub mod reference;
 mod renderer;
 mod shear;

@@ -5,10 +5,12 @@
 //! to nothing of the coherent line, and roughness and tip remain. Reverberation inside the steel repeats the
 //! shaft below itself.
 
-use sonoloop_types::{NeedleSpec, Pose, Slice, Vector};
+use sonoloop_types::{NeedleSpec, Pose, ProbeSpec, Slice, Vector};
 
 use crate::{
-    beam::{Beam, amplitude_from_db, exp_minus},
+    beam::{Beam, amplitude_from_db},
+    echo::Echo,
+    fast::exp_minus,
     lattice::mix,
     tape::BakedTape,
 };
@@ -17,7 +19,7 @@ use crate::{
 const STEEL_SOUND_SPEED_M_S: f64 = 5790.0;
 /// Reverberations drawn below the coherent line, and below a point of the roughness. [assumed]
 const COHERENT_REVERBERATIONS: usize = 3;
-const ROUGH_REVERBERATIONS: usize = 1;
+const ROUGH_REVERBERATIONS: usize = 2;
 /// Amplitude from one reverberation to the next. [assumed] Steel to tissue reflects −0.94 twice, but a thin
 /// cylinder spreads the sound.
 const REVERBERATION_GAIN: f64 = 0.35;
@@ -44,23 +46,23 @@ const TIP_BOUNCE_M: f64 = 0.1e-3;
 const TIP_BOUNCE_GAIN: f64 = 0.42;
 /// Share of the tip's echo that depends on the facet facing the probe. [assumed]
 const FACET_SHARE: f64 = 0.3;
+/// Side lobes of the tip: lines that look past it still hear it, at this level beside its own echo, falling off over
+/// this distance. [assumed] A wide pedestal near −40 dB [memory]; speckle and the shaft have theirs far below the rest.
+const LOBE_LEVEL_DB: f64 = -40.0;
+const LOBE_SIGMA_M: f64 = 3e-3;
+/// Lobes reach so many σ, and have an echo per this many σ of the beam.
+const LOBE_REACH: f64 = 2.5;
+const LOBE_STEP: f64 = 1.2;
 /// Longest path that is drawn.
 const MAX_LENGTH_M: f64 = 0.5;
 /// Elevation beyond which even the tip's echo is far below noise, in σ.
 const REACH: f64 = 4.1;
 
-/// One echo: baseband amplitude at the point itself, elevational weight and phase included.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Echo {
-    pub x_m: f64,
-    pub z_m: f64,
-    pub re: f64,
-    pub im: f64,
-}
-
 /// The needle's constants and the picture's echoes.
 pub struct NeedleEchoes {
     spec: NeedleSpec,
+    reverberates: bool,
+    side_lobes: bool,
     step_m: f64,
     seed: u64,
     /// cos and sin of the sectors' directions.
@@ -74,8 +76,8 @@ struct Sink<'a> {
 }
 
 impl Sink<'_> {
-    /// Adds a point at (x, e, z) whose peak is `amplitude` over unit speckle.
-    fn add(&mut self, [x_m, e_m, z_m]: [f64; 3], [re, im]: [f64; 2]) {
+    /// Adds a point at (x, e, z) whose peak is `amplitude` over unit speckle, drawn `late_m` farther down.
+    fn add(&mut self, [x_m, e_m, z_m]: [f64; 3], late_m: f64, [re, im]: [f64; 2]) {
         if z_m < 0.0 {
             return;
         }
@@ -85,20 +87,36 @@ impl Sink<'_> {
             return;
         }
         let scale = self.beam.level_scale(x_m, z_m) * f64::from(exp_minus((0.5 * u * u) as f32));
-        let (sin, cos) = libm::sincos(-self.beam.two_k_rad_m * z_m);
-        let (re, im) = (scale * re, scale * im);
-        self.echoes.push(Echo { x_m, z_m, re: re * cos - im * sin, im: re * sin + im * cos });
+        self.echoes.push(Echo { x_m, z_m, late_m, re: scale * re, im: scale * im });
+    }
+}
+
+impl Sink<'_> {
+    /// What the lines beside a point hear of it: at its distance from them, so below it and farther down the farther
+    /// they are.
+    fn add_lobes(&mut self, at: Vector, amplitude: f64) {
+        let step_m = LOBE_STEP * self.beam.sigma_lateral_m;
+        for i in 1..=(LOBE_REACH * LOBE_SIGMA_M / step_m) as i32 {
+            let aside_m = f64::from(i) * step_m;
+            let fall = libm::exp(-0.5 * (aside_m / LOBE_SIGMA_M).powi(2));
+            let late_m = (at.z * at.z + aside_m * aside_m).sqrt() - at.z;
+            for side in [-1.0, 1.0] {
+                self.add([at.x + side * aside_m, at.y, at.z], late_m, [amplitude * fall, 0.0]);
+            }
+        }
     }
 }
 
 impl NeedleEchoes {
-    pub fn new(spec: &NeedleSpec, beam: &Beam, seed: u64) -> Self {
+    pub fn new(spec: &NeedleSpec, beam: &Beam, probe: &ProbeSpec, seed: u64) -> Self {
         let around = core::array::from_fn(|i| {
             let (sin, cos) = libm::sincos(core::f64::consts::TAU * i as f64 / SECTORS as f64);
             [cos, sin]
         });
         Self {
             spec: spec.clone(),
+            reverberates: probe.effects.reverberation,
+            side_lobes: probe.effects.side_lobes,
             step_m: beam.wavelength_m() / 8.0,
             seed: mix(seed ^ 0x6e65_6564_6c65_0000),
             around,
@@ -166,15 +184,18 @@ impl NeedleEchoes {
         // Sound rings down in the thin wedge behind the edge: a short tail, weaker with every bounce.
         let mut tail = level;
         for bounce in 0..TIP_BOUNCES {
-            sink.add([tip.x, tip.y, tip.z + bounce as f64 * TIP_BOUNCE_M], [tail, 0.0]);
+            sink.add([tip.x, tip.y, tip.z], bounce as f64 * TIP_BOUNCE_M, [tail, 0.0]);
             tail *= TIP_BOUNCE_GAIN;
+        }
+        if self.side_lobes {
+            sink.add_lobes(tip, level * amplitude_from_db(LOBE_LEVEL_DB));
         }
         for i in 0..FACET_POINTS {
             let [re, im] = self.noise(tape, u64::MAX - i as u64);
             let back_m = FACET_LENGTH_M * (i as f64 + 0.5) / FACET_POINTS as f64;
             let p = tip - axis * back_m;
             let level = level * FACET_GAIN / (FACET_POINTS as f64).sqrt();
-            sink.add([p.x, p.y, p.z], [level * f64::from(re), level * f64::from(im)]);
+            sink.add([p.x, p.y, p.z], 0.0, [level * f64::from(re), level * f64::from(im)]);
         }
     }
 
@@ -250,8 +271,8 @@ impl NeedleEchoes {
         let tissue_m_s = beam.wavelength_m() * beam.centre_frequency_hz();
         let spacing_m = self.spec.outer_diameter_m * tissue_m_s / STEEL_SOUND_SPEED_M_S;
         let mut gain = 1.0;
-        for bounce in 0..echoes {
-            sink.add([at.x, at.y, at.z + bounce as f64 * spacing_m], [gain * re, gain * im]);
+        for bounce in 0..if self.reverberates { echoes } else { 1 } {
+            sink.add([at.x, at.y, at.z], bounce as f64 * spacing_m, [gain * re, gain * im]);
             gain *= REVERBERATION_GAIN;
         }
     }

@@ -7,8 +7,10 @@ use sonoloop_types::{NeedleSpec, Point, ProbeSpec, Slice, Tissue};
 
 use crate::{
     beam::{Beam, amplitude_from_db, unit_energy_peak},
+    columns::Columns,
     lattice::{Lattice, TAPE_LENGTH},
     needle::NeedleEchoes,
+    paths::Paths,
     renderer::Frame,
     tape::{BakedTape, gaussian_tape},
 };
@@ -18,6 +20,7 @@ const REACH: f64 = 5.0;
 
 struct Canvas<'a> {
     beam: &'a Beam,
+    paths: &'a Paths,
     frame: Frame,
     values: Vec<[f64; 2]>,
 }
@@ -30,7 +33,11 @@ impl Canvas<'_> {
         let spacing_m = geometry.spacing_m;
         let sigma_z_m = self.beam.sigma_axial_m;
         // A bound on σ_l for finding the window; the width itself belongs to the line.
+        let width_m = |x_m: f64| {
+            self.beam.sigma_lateral_m * self.beam.widening(x_m, z_m) * self.paths.stretch(x_m, z_m)
+        };
         let widest_m = self.beam.sigma_lateral_m
+            * Paths::most_stretch()
             * self.beam.widening(x_m, z_m).max(self.beam.widening(x_m * 1.2, z_m)).min(4.0)
             * 1.2;
         let left = ((x_m - REACH * widest_m - first_x_m) / spacing_m).ceil().max(0.0) as usize;
@@ -44,9 +51,11 @@ impl Canvas<'_> {
             .map(|j| {
                 let u_m = first_x_m + j as f64 * spacing_m;
                 let of_m = if energy { u_m } else { x_m };
-                let sigma_m = self.beam.sigma_lateral_m * self.beam.widening(of_m, z_m);
+                let sigma_m = width_m(of_m);
                 let d = (u_m - x_m) / sigma_m;
-                libm::exp(-0.5 * d * d) * if energy { unit_energy_peak(sigma_m) } else { 1.0 }
+                // Level over speckle falls as a point's energy spreads.
+                let point = 1.0 / self.paths.stretch(x_m, z_m).sqrt();
+                libm::exp(-0.5 * d * d) * if energy { unit_energy_peak(sigma_m) } else { point }
             })
             .collect();
         for row in top..self.frame.rows().min(bottom as usize + 1) {
@@ -73,7 +82,11 @@ pub fn field(
     let lattice = Lattice::new(&beam, seed);
     let frame = Frame::new(probe);
     let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
-    let mut canvas = Canvas { beam: &beam, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
+    let mut paths = Paths::new(&beam, probe, frame.plane());
+    let mut columns = Columns::new(tissue.clone(), lattice, probe);
+    paths.build(&beam, &lattice, &mut columns, slice, needle.outer_diameter_m);
+    let mut canvas =
+        Canvas { beam: &beam, paths: &paths, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
 
     let probe_from_phantom = slice.phantom_from_probe.inverse();
     let half = [0, 1].map(|axis| (tissue.size_m()[axis] / 2.0 / lattice.row_spacing_m).ceil() as i32 + 1);
@@ -117,10 +130,10 @@ pub fn field(
         }
     }
 
-    let mut echoes = NeedleEchoes::new(needle, &beam, seed);
+    let mut echoes = NeedleEchoes::new(needle, &beam, probe, seed);
     echoes.build(&beam, &BakedTape::new(seed), slice);
     for echo in &echoes.echoes {
-        canvas.add(echo.x_m, echo.z_m, [echo.re, echo.im], false);
+        canvas.add(echo.x_m, echo.z_m + echo.late_m, echo.baseband(&beam, 0.0), false);
     }
     canvas.values
 }

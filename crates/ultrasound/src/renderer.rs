@@ -1,19 +1,21 @@
 //! The stages in order.
 
 use rayon::prelude::*;
-use sonoloop_types::{Image, ImageGeometry, NeedleSpec, ProbeSpec, Slice, Tissue};
+use sonoloop_types::{Image, ImageGeometry, NeedlePath, NeedleSpec, Pose, ProbeSpec, Slice, Tissue};
 
 use crate::{
     axial::{AxialScratch, BLOCK},
     beam::Beam,
+    boundary,
     columns::Columns,
     display::{Display, Exposure},
+    echo::Echo,
     elevation::ElevationTable,
-    gain::{GainMap, Plane},
     jobs::Jobs,
     lateral::{BeamFilters, LateralFilters, LineMap},
     lattice::Lattice,
     needle::NeedleEchoes,
+    paths::{Paths, Plane},
     shear::Shear,
     splat::{Grid, Sources},
     stamp::{self, Layout, Stamp},
@@ -26,7 +28,8 @@ const TASK_ROWS: usize = 80;
 /// Renders pictures of one needle in one phantom through one probe.
 ///
 /// The model (probe, needle, tissue, scatterers) does not change after [`Renderer::new`]; what else it holds
-/// is scratch and a cache of the tissue's columns, neither of which shows in a picture.
+/// is scratch, a cache of the tissue's columns and the field of the picture before, none of which shows in a
+/// picture.
 pub struct Renderer {
     probe: ProbeSpec,
     beam: Beam,
@@ -39,11 +42,32 @@ pub struct Renderer {
     elevation: ElevationTable,
     jobs: Jobs,
     grid: Grid,
+    needle_diameter_m: f64,
     needle: NeedleEchoes,
     stamps: Vec<Stamp>,
-    gain: GainMap,
+    surfaces: Vec<Echo>,
+    paths: Paths,
     field: Vec<f32>,
+    /// What `field` and `paths` were made for.
+    made_for: Option<Scene>,
     scratch: Vec<AxialScratch>,
+}
+
+/// What the field depends on.
+#[derive(Clone, PartialEq)]
+struct Scene {
+    phantom_from_probe: Pose,
+    needle: Option<NeedlePath>,
+    needle_gain_db: f64,
+    element_gap_m: Vec<f32>,
+}
+
+impl Scene {
+    fn of(slice: &Slice) -> Self {
+        let Slice { phantom_from_probe, ref needle, needle_gain_db, ref element_gap_m, .. } = *slice;
+        let (needle, element_gap_m) = (needle.clone(), element_gap_m.clone());
+        Self { phantom_from_probe, needle, needle_gain_db, element_gap_m }
+    }
 }
 
 /// Which part of the picture the array covers.
@@ -74,6 +98,12 @@ impl Frame {
             padded: columns.next_multiple_of(BLOCK),
             first_x_m: (first_px as f64 - centre_px) * geometry.spacing_m,
         }
+    }
+
+    /// What paths are traced through.
+    pub fn plane(&self) -> Plane {
+        let Self { geometry, columns, first_x_m, .. } = *self;
+        Plane { columns, rows: self.rows(), first_x_m, spacing_m: geometry.spacing_m }
     }
 
     pub fn rows(&self) -> usize {
@@ -110,16 +140,19 @@ impl Renderer {
         let spacing_m = frame.geometry.spacing_m;
         Self {
             lateral: LateralFilters::new(&beam, spacing_m, half_width_m, frame.deepest_m()),
-            display: Display::new(&probe, seed),
-            columns: Columns::new(tissue, lattice, probe.centre_frequency_hz),
+            display: Display::new(&beam, &probe, seed),
+            columns: Columns::new(tissue, lattice, &probe),
             tape: BakedTape::new(seed),
             elevation: ElevationTable::default(),
             jobs: Jobs::default(),
             grid: Grid::default(),
-            needle: NeedleEchoes::new(&needle, &beam, seed),
+            needle_diameter_m: needle.outer_diameter_m,
+            needle: NeedleEchoes::new(&needle, &beam, &probe, seed),
             stamps: Vec::new(),
-            gain: GainMap::default(),
+            surfaces: Vec::new(),
+            paths: Paths::new(&beam, &probe, frame.plane()),
             field: vec![0.0; frame.rows() * 2 * frame.padded],
+            made_for: None,
             scratch: Vec::new(),
             probe,
             beam,
@@ -143,7 +176,7 @@ impl Renderer {
                 let (re, im) = field.split_at(padded);
                 pixels.fill(0);
                 let pixels = &mut pixels[first_px..][..columns];
-                this.display.row(&exposure, this.gain, row, (re, im), pixels);
+                this.display.row(&exposure, this.paths, row, (re, im), pixels);
             });
         });
     }
@@ -160,7 +193,8 @@ impl Renderer {
         Field { first_px, columns, rows: self.frame.rows(), values: values.collect() }
     }
 
-    /// Fills `self.field` and hands every row, with the picture's, to `finish`.
+    /// Fills `self.field`, unless it is that of the slice already, and hands every row, with the picture's, to
+    /// `finish`.
     fn fill_field(
         &mut self,
         slice: &Slice,
@@ -175,13 +209,17 @@ impl Renderer {
         }
         let spacing_m = geometry.spacing_m;
         let layout = Layout { columns: padded, first_x_m, spacing_m };
-        let map = self.fill_grid(slice, &layout);
+        let scene = Some(Scene::of(slice));
+        let stale = self.made_for != scene;
+        let map = if stale { self.fill_grid(slice, &layout) } else { None };
+        self.made_for = scene;
 
         let tasks = self.frame.rows().div_ceil(TASK_ROWS);
         self.scratch.resize_with(tasks, AxialScratch::default);
-        let (beam, lateral, grid, stamps) = (&self.beam, &self.lateral, &self.grid, &self.stamps);
-        let filters = map.map(|(map, rows)| BeamFilters { beam, lateral, grid, map, rows });
-        let this = Finish { display: &self.display, gain: &self.gain };
+        let (beam, paths, lateral) = (&self.beam, &self.paths, &self.lateral);
+        let (grid, stamps) = (&self.grid, &self.stamps);
+        let filters = map.map(|(map, rows)| BeamFilters { beam, paths, lateral, grid, map, rows });
+        let this = Finish { display: &self.display, paths };
         self.field
             .par_chunks_mut(TASK_ROWS * 2 * padded)
             .zip(pixels.par_chunks_mut(TASK_ROWS * width))
@@ -189,11 +227,13 @@ impl Renderer {
             .enumerate()
             .for_each(|(task, ((field, pixels), scratch))| {
                 let first_row = task * TASK_ROWS;
-                match &filters {
-                    Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
-                    None => field.fill(0.0),
+                if stale {
+                    match &filters {
+                        Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
+                        None => field.fill(0.0),
+                    }
+                    stamp::apply(stamps, padded, first_row, field);
                 }
-                stamp::apply(stamps, padded, first_row, field);
                 let rows = field.chunks_exact(2 * padded).zip(pixels.chunks_exact_mut(width));
                 for (i, (field, pixels)) in rows.enumerate() {
                     finish(&this, first_row + i, field, pixels);
@@ -203,7 +243,7 @@ impl Renderer {
 
     /// Fills the working grid, the stamps and the losses; `None` when the pose shows no tissue.
     fn fill_grid(&mut self, slice: &Slice, layout: &Layout) -> Option<(LineMap, usize)> {
-        let Frame { geometry, first_x_m, columns, .. } = self.frame;
+        let Frame { geometry, first_x_m, .. } = self.frame;
         let spacing_m = geometry.spacing_m;
         let rows = self.frame.rows();
         let margin_m = (self.lateral.radius + 2) as f64 * spacing_m;
@@ -216,40 +256,41 @@ impl Renderer {
             margin_m,
             self.columns.half(),
         );
-        let Self { beam, lattice, probe, tape, elevation, columns: tissue, gain, .. } = self;
-        let (beam, lattice) = (&*beam, &*lattice);
-        let plane =
-            Plane { phantom_from_probe: &slice.phantom_from_probe, columns, rows, first_x_m, spacing_m };
+        let Self { beam, lattice, tape, elevation, columns: tissue, paths, needle, surfaces, .. } = self;
+        let (beam, lattice, probe) = (&*beam, &*lattice, &self.probe);
+        let (shear, diameter_m) = (shear.as_ref(), self.needle_diameter_m);
         rayon::join(
             || {
-                if let Some(shear) = &shear {
+                if let Some(shear) = shear {
                     elevation.build(beam, shear, lattice.amplitude());
-                }
-            },
-            || {
-                if let Some(shear) = &shear {
                     tape.bake(beam, shear.row_step_m, shear.lateral_slope, shear.rows);
                 }
-                gain.build(beam, probe, lattice, tissue, &plane, &slice.element_gap_m);
+                needle.build(beam, tape, slice);
+            },
+            || {
+                paths.build(beam, lattice, tissue, slice, diameter_m);
+                surfaces.clear();
+                if let Some(shear) = shear {
+                    let pose = &slice.phantom_from_probe;
+                    let reverberates = probe.effects.reverberation;
+                    boundary::add_echoes(beam, lattice, shear, tissue, pose, reverberates, surfaces);
+                }
             },
         );
-        let Self { jobs, needle, stamps, .. } = self;
-        let (tape, elevation) = (&self.tape, &self.elevation);
+        let Self { jobs, stamps, .. } = self;
+        let (tape, elevation, paths) = (&self.tape, &self.elevation, &self.paths);
         rayon::join(
             || {
-                if let Some(shear) = &shear {
+                if let Some(shear) = shear {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
                     jobs.build(shear, lattice, elevation, tissue, tape, phase_per_row_rad);
                 }
             },
-            || {
-                needle.build(beam, tape, slice);
-                stamp::prepare(beam, &needle.echoes, layout, rows, stamps);
-            },
+            || stamp::prepare(beam, paths, needle.echoes.iter().chain(&*surfaces), layout, rows, stamps),
         );
         let shear = shear?;
         let sources = Sources { tape: &self.tape, elevation: &self.elevation, columns: &self.columns };
-        self.grid.fill(&shear, &self.jobs, sources);
+        self.grid.fill(shear, &self.jobs, sources);
         let map = LineMap {
             at_row_0: (first_x_m - shear.first_line_m) / spacing_m,
             per_row: -shear.lateral_slope * shear.row_step_m / spacing_m,
@@ -264,5 +305,5 @@ impl Renderer {
 /// What a finished row needs.
 struct Finish<'a> {
     display: &'a Display,
-    gain: &'a GainMap,
+    paths: &'a Paths,
 }

@@ -5,7 +5,7 @@ use sonoloop_types::{ImageGeometry, Point, Pose, Vector};
 use crate::{
     beam::{Beam, PROFILE_REACH},
     elevation::STRIDE,
-    jobs::floor,
+    fast::floor,
     lattice::Lattice,
 };
 
@@ -134,6 +134,38 @@ impl Shear {
             top_row: affine(&|p| p.z / row_step_m),
             columns,
         })
+    }
+
+    /// Columns of lattice row iy that can meet the picture's width and a range of e′.
+    pub fn overlap(&self, elevations_m: [f64; 2], iy: i32) -> core::ops::Range<i32> {
+        let mut range = self.columns[0].map(f64::from);
+        let lines_m = [self.first_line_m, self.first_line_m + self.line_pitch_m * self.lines as f64];
+        for (value, [low, high]) in [(self.e, elevations_m), (self.x, lines_m)] {
+            if value.per_ix.abs() < 1e-9 {
+                continue;
+            }
+            let at_zero = value.in_row(iy);
+            let (a, b) = ((low - at_zero) / value.per_ix, (high - at_zero) / value.per_ix);
+            range = [range[0].max(a.min(b) - 1.0), range[1].min(a.max(b) + 1.0)];
+        }
+        if range[0] > range[1] { 0..0 } else { range[0] as i32..range[1] as i32 + 1 }
+    }
+
+    /// First and last row, in fractions, at which a column of this e′ lies within `reach_m` of the plane.
+    pub fn elevations_at(&self, e_m: f64, reach_m: f64) -> [f64; 2] {
+        let rows = self.rows as f64;
+        let per_row = self.elevation_slope * self.row_step_m;
+        if per_row.abs() < 1e-12 {
+            return if e_m.abs() <= reach_m { [0.0, rows] } else { [rows, 0.0] };
+        }
+        let (a, b) = ((-reach_m - e_m) / per_row, (reach_m - e_m) / per_row);
+        [a.min(b).max(0.0), a.max(b).min(rows)]
+    }
+
+    /// All of them.
+    pub fn columns_across(&self, elevations_m: [f64; 2]) -> impl Iterator<Item = [i32; 2]> {
+        let [first, last] = self.columns[1];
+        (first..=last).flat_map(move |iy| self.overlap(elevations_m, iy).map(move |ix| [ix, iy]))
     }
 
     /// Rows `lo..hi` in which |at_zero + slope·z| ≤ bound.

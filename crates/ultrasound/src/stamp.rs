@@ -7,9 +7,10 @@
 use core::ops::Range;
 
 use crate::{
-    beam::{Beam, exp_minus},
-    jobs::floor,
-    needle::Echo,
+    beam::Beam,
+    echo::Echo,
+    fast::{NEPER_PER_POWER_DB, exp_minus, floor, power_db},
+    paths::Paths,
 };
 
 /// Profiles are cut where they fall to this over unit speckle (−50 dB)…
@@ -46,7 +47,14 @@ pub struct Stamp {
 }
 
 /// Replaces `stamps` by those of the echoes that show.
-pub fn prepare(beam: &Beam, echoes: &[Echo], layout: &Layout, rows: usize, stamps: &mut Vec<Stamp>) {
+pub fn prepare<'a>(
+    beam: &Beam,
+    paths: &Paths,
+    echoes: impl Iterator<Item = &'a Echo>,
+    layout: &Layout,
+    rows: usize,
+    stamps: &mut Vec<Stamp>,
+) {
     stamps.clear();
     let pixels = |v_m: f64| v_m / layout.spacing_m;
     let sigma_z = pixels(beam.sigma_axial_m);
@@ -54,26 +62,38 @@ pub fn prepare(beam: &Beam, echoes: &[Echo], layout: &Layout, rows: usize, stamp
         let low = -floor(-(centre - reach).clamp(0.0, end as f64));
         [low as u32, floor((centre + reach + 1.0).clamp(low as f64, end as f64)) as u32]
     };
+    // Reverberations come from one place.
+    let mut place = [f64::NAN; 2];
+    let (mut stretch, mut sigma_x, mut delay_m) = (1.0, 0.0, 0.0);
     for echo in echoes {
         let over_floor = (echo.re * echo.re + echo.im * echo.im) / (FLOOR * FLOOR);
         if over_floor <= 1.0 {
             continue;
         }
         // amplitude·exp(−r²/2) = floor
-        let reach = libm::log(over_floor).sqrt().min(MAX_REACH);
-        let sigma_x = pixels(beam.sigma_lateral_m * beam.widening(echo.x_m, echo.z_m));
-        let (row, column) = (pixels(echo.z_m), pixels(echo.x_m - layout.first_x_m));
+        let reach =
+            f64::from(power_db(over_floor as f32) * NEPER_PER_POWER_DB).max(0.0).sqrt().min(MAX_REACH);
+        if place != [echo.x_m, echo.z_m] {
+            place = [echo.x_m, echo.z_m];
+            stretch = paths.stretch(echo.x_m, echo.z_m);
+            sigma_x = pixels(beam.sigma_lateral_m * beam.widening(echo.x_m, echo.z_m) * stretch);
+            delay_m = paths.delay_m(echo.x_m, echo.z_m);
+        }
+        // Speckle keeps its level when the beam widens; a point spreads its energy.
+        let scale = 1.0 / stretch.sqrt();
+        let (row, column) = (pixels(echo.z_m + echo.late_m + delay_m), pixels(echo.x_m - layout.first_x_m));
         let rows = range(row, reach * sigma_z, rows);
         let columns = range(column, reach * sigma_x, layout.columns);
         if rows[0] < rows[1] && columns[0] < columns[1] {
+            let [re, im] = echo.baseband(beam, delay_m);
             stamps.push(Stamp {
                 rows,
                 columns,
                 row: row as f32,
                 column: column as f32,
                 decay: [(0.5 / (sigma_z * sigma_z)) as f32, (0.5 / (sigma_x * sigma_x)) as f32],
-                re: echo.re as f32,
-                im: echo.im as f32,
+                re: (scale * re) as f32,
+                im: (scale * im) as f32,
             });
         }
     }

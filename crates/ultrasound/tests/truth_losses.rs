@@ -3,7 +3,7 @@
 mod common;
 
 use common::{gel, material, needle, needle_in_probe, pose, probe, slice, water};
-use sonoloop_types::{Image, ProbeSpec, Tissue};
+use sonoloop_types::{Effects, Image, ProbeSpec, Tissue};
 use sonoloop_ultrasound::Renderer;
 
 fn picture(probe: &ProbeSpec, tissue: &Tissue, slice: &sonoloop_types::Slice) -> Image {
@@ -22,15 +22,78 @@ fn quiet_probe() -> ProbeSpec {
     ProbeSpec { noise_level_db: -200.0, tgc_db_cm_mhz: 0.0, speckle_level_db: 15.0, ..probe() }
 }
 
+/// What a Gaussian pulse loses by 2·α·f·z, from its spectrum, in dB: the numbers that a hydrophone would add up.
+fn pulse_loss_db(alpha_db_cm_mhz: f64, depth_cm: f64) -> f64 {
+    let (centre_mhz, sigma_mhz) = (7.54, 0.6 * 7.54 / 2.3548);
+    let peak = |alpha: f64| {
+        let spectrum = (0..40_000).map(|i| {
+            let f = f64::from(i) * 1e-3 - 10.0;
+            (-0.5 * ((f - centre_mhz) / sigma_mhz).powi(2)).exp()
+                * 10f64.powf(-2.0 * alpha * f * depth_cm / 20.0)
+        });
+        spectrum.sum::<f64>()
+    };
+    20.0 * (peak(0.0) / peak(alpha_db_cm_mhz)).log10()
+}
+
+fn fall_db(probe: &ProbeSpec, attenuation_db_cm_mhz: f64) -> f64 {
+    let tissue = Tissue::homogeneous([0.1, 0.06, 0.06], material(Some(0.0), attenuation_db_cm_mhz));
+    let image = picture(probe, &tissue, &slice(pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)));
+    level_db(probe, &image, 40..80) - level_db(probe, &image, 340..380)
+}
+
 #[test]
 fn truth_attenuation_shows_as_the_slope_without_compensation() {
     for attenuation in [0.3, 0.5] {
-        let probe = quiet_probe();
-        let tissue = Tissue::homogeneous([0.1, 0.06, 0.06], material(Some(0.0), attenuation));
-        let image = picture(&probe, &tissue, &slice(pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)));
-        let fall_db = level_db(&probe, &image, 40..80) - level_db(&probe, &image, 340..380);
+        // One frequency: 2·α·f·z.
+        let narrow =
+            ProbeSpec { effects: Effects { downshift: false, ..Effects::default() }, ..quiet_probe() };
         let expected_db = 2.0 * attenuation * 7.54 * 3.0;
-        assert!((fall_db / expected_db - 1.0).abs() < 0.1, "{fall_db} dB over 3 cm, not {expected_db}");
+        let measured_db = fall_db(&narrow, attenuation);
+        assert!(
+            (measured_db / expected_db - 1.0).abs() < 0.03,
+            "{measured_db} dB over 3 cm, not {expected_db}"
+        );
+        // The whole pulse, whose low frequencies get farther.
+        let expected_db = pulse_loss_db(attenuation, 3.6) - pulse_loss_db(attenuation, 0.6);
+        let measured_db = fall_db(&quiet_probe(), attenuation);
+        assert!(
+            (measured_db / expected_db - 1.0).abs() < 0.03,
+            "{measured_db} dB over 3 cm, not {expected_db}"
+        );
+    }
+}
+
+#[test]
+fn truth_attenuation_is_recovered_from_a_picture() {
+    for truth in [0.2, 0.45, 0.7] {
+        let measured_db = fall_db(&quiet_probe(), truth);
+        let loss_db = |alpha: f64| pulse_loss_db(alpha, 3.6) - pulse_loss_db(alpha, 0.6);
+        let (mut low, mut high) = (0.0, 1.0);
+        while high - low > 1e-4 {
+            let middle = (low + high) / 2.0;
+            if loss_db(middle) < measured_db { low = middle } else { high = middle }
+        }
+        assert!((low / truth - 1.0).abs() < 0.1, "{low} dB/cm/MHz for {truth}");
+    }
+}
+
+#[test]
+fn without_attenuation_nothing_is_lost() {
+    let probe = ProbeSpec { effects: Effects { attenuation: false, ..Effects::default() }, ..quiet_probe() };
+    assert!(fall_db(&probe, 0.7).abs() < 0.3, "{} dB", fall_db(&probe, 0.7));
+}
+
+#[test]
+fn sliders_add_their_gain_at_their_depths() {
+    let quiet = ProbeSpec { noise_level_db: -200.0, ..probe() };
+    let with = ProbeSpec { tgc_sliders_db: vec![0.0, -6.0, 0.0, 4.0, 4.0], ..quiet.clone() };
+    let rest = slice(pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+    let [before, after] = [&quiet, &with].map(|probe| picture(probe, &gel(), &rest));
+    // Sliders stand 12 mm apart; half-way between two their mean counts.
+    for (rows, gain_db) in [(115..126, -6.0), (175..186, -3.0), (235..246, 0.0), (400..460, 4.0)] {
+        let change = level_db(&probe(), &after, rows.clone()) - level_db(&probe(), &before, rows.clone());
+        assert!((change - gain_db).abs() < 0.35, "{rows:?}: {change} dB for {gain_db}");
     }
 }
 

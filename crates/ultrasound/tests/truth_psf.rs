@@ -10,8 +10,8 @@
 
 mod common;
 
-use common::{gel, needle, pose, probe, slice};
-use sonoloop_types::{ElevationSample, ImageGeometry, ProbeSpec};
+use common::{material, needle, pose, probe, slice};
+use sonoloop_types::{ElevationSample, ImageGeometry, ProbeSpec, Tissue};
 use sonoloop_ultrasound::{Field, Renderer};
 
 const REFERENCE: &str = include_str!("data/psf_pymust.csv");
@@ -59,6 +59,11 @@ fn reference(name: &str) -> Vec<Row> {
         .collect();
     assert!(rows.len() >= 9, "{name}: {} depths", rows.len());
     rows
+}
+
+/// The reference has no attenuation, which would widen the beam with depth.
+fn lossless() -> Tissue {
+    Tissue::homogeneous([0.1, 0.06, 0.06], material(Some(0.0), 0.0))
 }
 
 fn median(values: impl Iterator<Item = f64>) -> f64 {
@@ -165,7 +170,7 @@ fn in_plane(name: &str, elements: u32, pitch_m: f64) {
     let step_mm = spec.geometry.spacing_m * 1e3;
     let mut covariances = vec![[[Covariance::default(); 12]; 2]; rows.len()];
     for i in 0..10 {
-        let mut renderer = Renderer::new(spec.clone(), needle(), gel(), 50 + i);
+        let mut renderer = Renderer::new(spec.clone(), needle(), lossless(), 50 + i);
         let field = renderer.field(&slice(pose(0.0, -9.0 + 2.0 * i as f64, 0.0, 0.0, 0.0, 0.0)));
         for (row, [axial, lateral]) in rows.iter().zip(&mut covariances) {
             let window = window(&field, &spec, row.depth_mm);
@@ -190,7 +195,7 @@ fn across(name: &str, elements: u32, pitch_m: f64) {
     let (step_mm, shifts) = (0.12, 22);
     let mut covariances = vec![vec![Covariance::default(); shifts]; rows.len()];
     for i in 0..8 {
-        let mut renderer = Renderer::new(spec.clone(), needle(), gel(), 80 + i);
+        let mut renderer = Renderer::new(spec.clone(), needle(), lossless(), 80 + i);
         let y_mm = -9.0 + 2.0 * i as f64;
         let here = renderer.field(&slice(pose(0.0, y_mm, 0.0, 0.0, 0.0, 0.0)));
         for shift in 0..shifts {

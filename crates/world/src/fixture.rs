@@ -7,7 +7,7 @@ use sonoloop_scenario::{
     PlacementSpec, Scenario,
 };
 use sonoloop_types::{
-    Acoustics, ElevationSample, ImageGeometry, Limits, NeedleSpec, Point, Pose, ProbeSpec, Profile,
+    Acoustics, Effects, ElevationSample, ImageGeometry, Limits, NeedleSpec, Point, Pose, ProbeSpec, Profile,
     ServoSettings, TrackerSettings, Vector, View,
 };
 
@@ -80,16 +80,20 @@ pub fn probe() -> ProbeSpec {
         centre_frequency_hz: 7.5e6,
         fractional_bandwidth: 0.6,
         f_number: 2.0,
+        transmit_focus_m: None,
+        element_height_m: 5e-3,
         elevation: table
             .iter()
             .map(|&(depth_m, width_mm)| ElevationSample { depth_m, width_m: width_mm * 1e-3 })
             .collect(),
         assumed_sound_speed_m_s: 1540.0,
         tgc_db_cm_mhz: 0.5,
+        tgc_sliders_db: Vec::new(),
         dynamic_range_db: 60.0,
         speckle_level_db: 30.0,
         noise_level_db: -40.0,
         geometry: ImageGeometry::default(),
+        effects: Effects::default(),
     }
 }
 

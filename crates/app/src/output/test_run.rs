@@ -5,8 +5,8 @@ use sonoloop_scenario::{
     PlacementSpec, Scenario,
 };
 use sonoloop_types::{
-    ElevationSample, Event, EventKind, Image, ImageGeometry, Limits, NeedleSpec, Point, Pose, ProbeSpec,
-    Profile, ServoSettings, TrackState, TrackerSettings, Vector, View,
+    Effects, ElevationSample, Event, EventKind, Image, ImageGeometry, Limits, NeedleSpec, Point, Pose,
+    ProbeSpec, Profile, ServoSettings, TrackState, TrackerSettings, Vector, View,
 };
 
 use crate::judge::test_recording::{image_row, recording, tick_row};
@@ -121,13 +121,17 @@ fn probe(geometry: ImageGeometry) -> ProbeSpec {
         centre_frequency_hz: 7.5e6,
         fractional_bandwidth: 0.8,
         f_number: 2.0,
+        transmit_focus_m: None,
+        element_height_m: 5e-3,
         elevation: vec![sample(0.0, 4e-3), sample(0.02, 1.5e-3), sample(0.05, 3e-3)],
         assumed_sound_speed_m_s: 1540.0,
         tgc_db_cm_mhz: 0.5,
+        tgc_sliders_db: Vec::new(),
         dynamic_range_db: 60.0,
         speckle_level_db: -25.0,
         noise_level_db: -40.0,
         geometry,
+        effects: Effects::default(),
     }
 }
 

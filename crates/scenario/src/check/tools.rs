@@ -1,4 +1,4 @@
-use sonoloop_types::{ElevationSample, ImageGeometry, NeedleSpec, ProbeSpec};
+use sonoloop_types::{Effects, ElevationSample, ImageGeometry, NeedleSpec, ProbeSpec};
 
 use super::units::{m, rad};
 use crate::LoadError;
@@ -16,7 +16,8 @@ pub(crate) fn probe(document: &Document) -> Result<ProbeSpec, LoadError> {
             );
         }
     }
-    let geometry = ImageGeometry::default();
+    let rows = ImageGeometry::default().height_px;
+    let geometry = ImageGeometry { spacing_m: m(raw.depth_mm) / f64::from(rows), ..ImageGeometry::default() };
     let aperture_m = f64::from(raw.elements) * m(raw.pitch_mm);
     let width_m = f64::from(geometry.width_px) * geometry.spacing_m;
     if aperture_m > width_m + 1e-9 {
@@ -39,13 +40,25 @@ pub(crate) fn probe(document: &Document) -> Result<ProbeSpec, LoadError> {
         centre_frequency_hz: raw.centre_frequency_mhz * 1e6,
         fractional_bandwidth: raw.fractional_bandwidth,
         f_number: raw.f_number,
+        transmit_focus_m: raw.transmit_focus_mm.map(m),
+        element_height_m: m(raw.element_height_mm),
         elevation,
         assumed_sound_speed_m_s: raw.assumed_sound_speed_m_s,
         tgc_db_cm_mhz: raw.tgc_db_cm_mhz,
+        tgc_sliders_db: raw.tgc_sliders_db,
         dynamic_range_db: raw.dynamic_range_db,
         speckle_level_db: raw.speckle_level_db,
         noise_level_db: raw.noise_level_db,
         geometry,
+        effects: Effects {
+            attenuation: raw.effects.attenuation,
+            downshift: raw.effects.downshift,
+            sound_speed: raw.effects.sound_speed,
+            boundaries: raw.effects.boundaries,
+            reverberation: raw.effects.reverberation,
+            needle_shadow: raw.effects.needle_shadow,
+            side_lobes: raw.effects.side_lobes,
+        },
     })
 }
 

@@ -2,7 +2,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// A linear array and the settings of the scanner behind it. The picture is 640×480 at 0.1 mm.
+/// A linear array and the settings of the scanner behind it. The picture is 640×480.
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -25,6 +25,13 @@ pub(crate) struct RawProbe {
     /// Depth over active aperture.
     #[garde(range(min = 0.5, max = 8.0))]
     pub f_number: f64,
+    /// Depth of the transmit focus; without it every depth is in focus, as with several shots.
+    #[garde(inner(range(min = 2.0, max = 200.0)))]
+    #[serde(default)]
+    pub transmit_focus_mm: Option<f64>,
+    /// Length of the elements in elevation.
+    #[garde(range(min = 1.0, max = 30.0))]
+    pub element_height_mm: f64,
     /// Slice thickness over depth, by ascending depth.
     #[garde(length(min = 2, max = 64), dive)]
     pub elevation: Vec<RawElevation>,
@@ -34,6 +41,10 @@ pub(crate) struct RawProbe {
     /// Attenuation that the time-gain compensation undoes.
     #[garde(range(min = 0.0, max = 3.0))]
     pub tgc_db_cm_mhz: f64,
+    /// Gain sliders, evenly spaced from the face to the bottom of the picture.
+    #[garde(length(max = 16), inner(range(min = -40.0, max = 40.0)))]
+    #[serde(default)]
+    pub tgc_sliders_db: Vec<f64>,
     /// Dynamic range of the log compression.
     #[garde(range(min = 20.0, max = 100.0))]
     pub dynamic_range_db: f64,
@@ -43,6 +54,51 @@ pub(crate) struct RawProbe {
     /// Electronic noise before time-gain compensation, over unit-backscatter speckle at no depth.
     #[garde(range(min = -120.0, max = 0.0))]
     pub noise_level_db: f64,
+    /// Depth of the picture's bottom; 480 square pixels make it.
+    #[garde(range(min = 20.0, max = 120.0))]
+    #[serde(default = "default_depth_mm")]
+    pub depth_mm: f64,
+    /// Effects to switch off, to see what each does.
+    #[serde(default)]
+    pub effects: RawEffects,
+}
+
+fn default_depth_mm() -> f64 {
+    48.0
+}
+
+/// Which effects a picture has; all of them by default.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct RawEffects {
+    /// Loss along each line through what lies on it.
+    pub attenuation: bool,
+    /// The pulse's centre frequency falls with depth: it loses less, and the beam widens.
+    pub downshift: bool,
+    /// Echoes are drawn where their time says, by the assumed sound speed.
+    pub sound_speed: bool,
+    /// Surfaces between materials reflect.
+    pub boundaries: bool,
+    /// Echoes go to and fro inside steel and strongly reflecting layers.
+    pub reverberation: bool,
+    /// The needle stands in the way of the sound.
+    pub needle_shadow: bool,
+    /// Strong echoes of the needle are seen beside it.
+    pub side_lobes: bool,
+}
+
+impl Default for RawEffects {
+    fn default() -> Self {
+        Self {
+            attenuation: true,
+            downshift: true,
+            sound_speed: true,
+            boundaries: true,
+            reverberation: true,
+            needle_shadow: true,
+            side_lobes: true,
+        }
+    }
 }
 
 /// Measured thickness of the slice at one depth.

@@ -3,8 +3,8 @@
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use sonoloop_types::{
-    Acoustics, ElevationSample, ImageGeometry, NeedlePath, NeedleSpec, Point, Pose, ProbeSpec, Slice, Tissue,
-    Vector,
+    Acoustics, Effects, ElevationSample, ImageGeometry, NeedlePath, NeedleSpec, Point, Pose, ProbeSpec,
+    Slice, Tissue, Vector,
 };
 
 /// A probe like an L12-3v, two-way widths of a 5 mm element height focused at 18 mm.
@@ -18,6 +18,8 @@ pub fn probe() -> ProbeSpec {
         centre_frequency_hz: 7.54e6,
         fractional_bandwidth: 0.6,
         f_number: 2.0,
+        transmit_focus_m: None,
+        element_height_m: 5e-3,
         elevation: elevation
             .iter()
             .map(|&(depth_mm, width_mm)| ElevationSample {
@@ -27,10 +29,12 @@ pub fn probe() -> ProbeSpec {
             .collect(),
         assumed_sound_speed_m_s: 1540.0,
         tgc_db_cm_mhz: 0.5,
+        tgc_sliders_db: Vec::new(),
         dynamic_range_db: 60.0,
         speckle_level_db: 30.0,
         noise_level_db: -52.0,
         geometry: ImageGeometry::default(),
+        effects: Effects::default(),
     }
 }
 

@@ -1,0 +1,194 @@
+//! Echoes of the surfaces between materials.
+//!
+//! A smooth surface is a mirror: the aperture sees it where it faces the probe, and nothing of it some ten
+//! degrees off. It is drawn as facets, one per column of the lattice near the plane of the picture. In elevation each
+//! stands for the whole slice, the surface being a plane there; laterally facets interfere as the surface does. Every
+//! surface is rough as well; that part is a layer of stronger scatterers, made in `columns`.
+
+use sonoloop_types::{Pose, Vector};
+
+use crate::{
+    beam::{Beam, NEPER_PER_DB, amplitude_from_db},
+    columns::Columns,
+    echo::Echo,
+    lattice::Lattice,
+    shear::Shear,
+};
+
+/// Echo of a plane that reflects all, at normal incidence, over unit speckle. [derived] A backscatter coefficient of
+/// 3e-3 per cm and sr, half a pulse of 0.15 mm and the aperture's 0.1 sr return 4e-6 of what the plane returns.
+pub const PLANE_LEVEL_DB: f64 = 54.0;
+/// Level of a surface's roughness over its mirror's. [assumed]
+pub const ROUGH_SHARE_DB: f64 = -26.0;
+/// Mirrors below this over unit speckle are left out.
+const FLOOR_DB: f64 = -10.0;
+/// Mirrors that the beam sees less of than this over unit speckle are left out, in neper: −14 dB.
+const LEAST_NP: f64 = -1.6;
+/// σ of the window across the plane, in rows of the lattice, and its reach in σ.
+const WINDOW: f64 = 0.5;
+const WINDOW_REACH: f64 = 2.2;
+/// Passages between the two faces of a layer that are drawn.
+const REVERBERATIONS: i32 = 5;
+/// Products of two faces' reflections below this make no reverberation that shows.
+const MIN_REVERBERATION: f64 = 0.1;
+/// Faces that diverge by more than this slope do not reverberate.
+const MAX_WEDGE: f64 = 0.1;
+/// Neighbours belong to one surface when it is not steeper than this between them.
+const MAX_SLOPE: f64 = 2.0;
+
+/// Where a column passes from one material into another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Boundary {
+    /// Depth in the phantom frame, negative.
+    pub z_m: f64,
+    /// The materials above and below.
+    pub between: [u16; 2],
+    /// Share of the pressure that is reflected, (Z₂ − Z₁)/(Z₂ + Z₁).
+    pub reflection: f64,
+    /// Displayed thickness of the material below.
+    pub thickness_m: f64,
+}
+
+impl Boundary {
+    /// Loss of a passage, one way: both ways together leave 1 − R².
+    pub fn entry_loss_np(&self) -> f64 {
+        -0.5 * libm::log((1.0 - self.reflection * self.reflection).max(1e-6))
+    }
+
+    pub fn shows(&self) -> bool {
+        self.reflection.abs() > amplitude_from_db(FLOOR_DB - PLANE_LEVEL_DB)
+    }
+}
+
+/// A patch of a surface around a column of the lattice.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Facet {
+    pub z_m: f64,
+    /// dz/dx and dz/dy, phantom frame.
+    pub slope: [f64; 2],
+    pub reflection: f64,
+    /// ln of the mirror's level over unit speckle.
+    pub level_np: f64,
+    /// Distance of the echoes between this face and the next, and their ratio; 0 without.
+    pub spacing_m: f64,
+    pub ratio: f64,
+}
+
+/// The facets of a column's boundaries, with slopes from the columns around it.
+pub fn facets(
+    own: &[Boundary],
+    [dx_m, dy_m]: [f64; 2],
+    [ix, iy]: [i32; 2],
+    mut boundaries: impl FnMut(i32, i32) -> Vec<Boundary>,
+) -> Vec<Facet> {
+    // The rows beside this one are shifted by half a column.
+    let left = ix - 1 + (iy & 1);
+    let [west, east] = [-1, 1].map(|step| boundaries(ix + step, iy));
+    let beside = [-1, 1].map(|step| [left, left + 1].map(|ix| boundaries(ix, iy + step)));
+    let matching = |boundary: &Boundary, others: &[Boundary], distance_m: f64| {
+        others
+            .iter()
+            .filter(|other| other.between == boundary.between)
+            .map(|other| other.z_m - boundary.z_m)
+            .filter(|rise_m| rise_m.abs() < MAX_SLOPE * distance_m)
+            .min_by(|a, b| a.abs().total_cmp(&b.abs()))
+    };
+    let mean = |values: &[Option<f64>]| {
+        let found = values.iter().flatten();
+        let count = found.clone().count();
+        if count == 0 { 0.0 } else { found.sum::<f64>() / count as f64 }
+    };
+    let facets = own.iter().enumerate().map(|(index, boundary)| {
+        let along_x = [(-1.0, &west), (1.0, &east)]
+            .map(|(sign, others)| matching(boundary, others, dx_m).map(|rise_m| sign * rise_m / dx_m));
+        let along_y = [0, 1].map(|side| {
+            let rises = [0, 1].map(|i| matching(boundary, &beside[side][i], dy_m));
+            let sign = if side == 0 { -1.0 } else { 1.0 };
+            rises.iter().any(Option::is_some).then(|| sign * mean(&rises) / dy_m)
+        });
+        // Faces that are not parallel send the sound away sideways.
+        let parallel = [&west, &east]
+            .into_iter()
+            .chain(beside.iter().flatten())
+            .flat_map(|others| others.iter().filter(|other| other.between == boundary.between));
+        let parallel = parallel
+            .into_iter()
+            .all(|other| (other.thickness_m - boundary.thickness_m).abs() < MAX_WEDGE * dx_m);
+        let far_face = own.get(index + 1).filter(|next| parallel && next.between[0] == boundary.between[1]);
+        let ratio = far_face.map_or(0.0, |face| (boundary.reflection * face.reflection).abs());
+        Facet {
+            z_m: boundary.z_m,
+            slope: [mean(&along_x), mean(&along_y)],
+            reflection: boundary.reflection,
+            level_np: PLANE_LEVEL_DB * NEPER_PER_DB + libm::log(boundary.reflection.abs()),
+            spacing_m: boundary.thickness_m,
+            ratio: if ratio < MIN_REVERBERATION { 0.0 } else { ratio },
+        }
+    });
+    facets.collect()
+}
+
+/// Appends the echoes of the facets near the plane of the picture.
+pub fn add_echoes(
+    beam: &Beam,
+    lattice: &Lattice,
+    shear: &Shear,
+    columns: &mut Columns,
+    phantom_from_probe: &Pose,
+    reverberates: bool,
+    echoes: &mut Vec<Echo>,
+) {
+    let [lateral, elevational, down] =
+        [Vector::x(), Vector::y(), Vector::z()].map(|axis| phantom_from_probe * axis);
+    let [dx_m, dy_m] = lattice.spacing_m();
+    // A window across the plane makes the facets of several rows stand for one line; its weights sum to one.
+    let window_m = WINDOW * dy_m;
+    let reach_m = WINDOW_REACH * window_m;
+    let plane = amplitude_from_db(PLANE_LEVEL_DB);
+    let level = plane * dx_m * dy_m * down.z.abs() / (core::f64::consts::TAU * window_m);
+    let deepest_m = shear.rows as f64 * shear.row_step_m;
+    let drift_m = [0.0, -shear.elevation_slope * deepest_m];
+    let elevations_m = [drift_m[0].min(drift_m[1]) - reach_m, drift_m[0].max(drift_m[1]) + reach_m];
+    for [ix, iy] in shear.columns_across(elevations_m) {
+        // Only where the column is near the plane.
+        let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
+        let [high_m, low_m] =
+            shear.elevations_at(e_m, reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
+        for facet in columns.facets(ix, iy) {
+            if facet.z_m < low_m || facet.z_m > high_m {
+                continue;
+            }
+            let row = top_row + lattice.index_at(facet.z_m);
+            let z_m = row * shear.row_step_m;
+            let e_m = e_m + shear.elevation_slope * z_m;
+            let x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
+            if z_m < 0.0 || e_m.abs() > reach_m || x_m.abs() > shear.reach_m {
+                continue;
+            }
+            // Depth changes by this along the surface, laterally and in elevation.
+            let normal = Vector::new(-facet.slope[0], -facet.slope[1], 1.0);
+            let towards = normal.dot(&down);
+            let [g_l, g_e] = [lateral, elevational].map(|axis| -normal.dot(&axis) / towards);
+            let sigma_m = [beam.sigma_lateral_m * beam.widening(x_m, z_m), beam.sigma_elevation_m(z_m)];
+            let turns = [g_l * sigma_m[0], g_e * sigma_m[1]].map(|v| beam.two_k_rad_m * v);
+            let fade = -0.5 * (turns[0] * turns[0] + turns[1] * turns[1]);
+            // Negated, so that what is no number is left out too.
+            if !(facet.level_np + fade > LEAST_NP) {
+                continue;
+            }
+            let u = e_m / window_m;
+            let across = libm::exp(-0.5 * u * u - 0.5 * turns[1] * turns[1]);
+            let mut amplitude = level * facet.reflection * across / sigma_m[0];
+            let z_m = z_m - g_e * e_m;
+            let bounces = if reverberates && facet.ratio > 0.0 { REVERBERATIONS } else { 0 };
+            for bounce in 0..=bounces {
+                // The first echo of the far face is that face's own.
+                if bounce != 1 {
+                    let late_m = f64::from(bounce) * facet.spacing_m;
+                    echoes.push(Echo { x_m, z_m, late_m, re: amplitude, im: 0.0 });
+                }
+                amplitude *= facet.ratio;
+            }
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! Which elements touch the phantom. Blind ones neither send nor hear.
+
+use sonoloop_types::ProbeSpec;
+
+use crate::{
+    beam::Beam,
+    march::{DIRECTIONS, part_of_aperture},
+    paths::Plane,
+};
+
+/// A gap above this is air: it reflects all. Below it is rounding.
+const AIR_GAP_M: f32 = 1e-7;
+
+/// Contact of the elements in one picture.
+pub struct Contact {
+    elements: usize,
+    pitch_m: f64,
+    /// Share of the near aperture that is blind, per displayed column.
+    pub blind: Vec<f32>,
+    pub any_blind: bool,
+    /// Coupled elements left of each edge between elements.
+    coupled: Vec<f64>,
+}
+
+impl Contact {
+    pub fn new(probe: &ProbeSpec) -> Self {
+        Self {
+            elements: probe.elements as usize,
+            pitch_m: probe.pitch_m,
+            blind: Vec::new(),
+            any_blind: false,
+            coupled: Vec::new(),
+        }
+    }
+
+    pub fn set(&mut self, element_gap_m: &[f32], plane: &Plane, beam: &Beam) {
+        let coupled = |i: usize| element_gap_m.get(i).is_none_or(|&gap| gap <= AIR_GAP_M);
+        self.any_blind = (0..self.elements).any(|i| !coupled(i));
+        self.blind.clear();
+        self.blind.resize(plane.columns, 0.0);
+        if !self.any_blind {
+            return;
+        }
+        self.coupled.clear();
+        self.coupled.push(0.0);
+        for i in 0..self.elements {
+            self.coupled.push(self.coupled[i] + if coupled(i) { 1.0 } else { 0.0 });
+        }
+        let face_m = beam.wanted_aperture_m(0.0);
+        for column in 0..plane.columns {
+            let x_m = plane.first_x_m + column as f64 * plane.spacing_m;
+            self.blind[column] = 1.0 - self.share([x_m - face_m / 2.0, x_m + face_m / 2.0]);
+        }
+    }
+
+    /// Share of the elements between two places that touch; 1 where there are none.
+    fn share(&self, ends_m: [f64; 2]) -> f32 {
+        let count = self.elements as f64;
+        let [low, high] = ends_m.map(|x_m| (x_m / self.pitch_m + count / 2.0).clamp(0.0, count));
+        if high - low < 1e-9 {
+            return 1.0;
+        }
+        let before = |edge: f64| {
+            let i = (edge as usize).min(self.elements - 1);
+            self.coupled[i] + (self.coupled[i + 1] - self.coupled[i]) * (edge - i as f64)
+        };
+        ((before(high) - before(low)) / (high - low)) as f32
+    }
+
+    /// Takes away what the blind elements of one direction would have seen, knot by knot.
+    pub fn shade(&self, direction: usize, plane: &Plane, wanted_m: f64, part: &mut [f32]) {
+        debug_assert!(direction < DIRECTIONS);
+        for (i, part) in part.iter_mut().enumerate() {
+            *part *= self.share(part_of_aperture(direction, plane.knot_x_m(i), wanted_m));
+        }
+    }
+}

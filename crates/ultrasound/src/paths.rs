@@ -1,0 +1,299 @@
+//! What sound meets on its way between the array and each place of the picture: loss, delay, and what is in
+//! the way.
+//!
+//! A place is seen by an aperture of depth over F#, cut into directions that are the same everywhere. Loss and
+//! delay are summed along each direction by marching down, and the one-way amplitude is the aperture's mean of
+//! exp(−loss): so a shadow has a penumbra and fills with depth, and blind elements dim what they would have
+//! seen. Sound goes both ways through the same paths; the field takes the square.
+
+use sonoloop_types::{Point, Pose, ProbeSpec, Slice, Vector};
+
+use crate::{
+    beam::{Beam, pulse_loss_np},
+    columns::{Columns, Stretch},
+    contact::Contact,
+    fast::{NEPER_PER_POWER_DB, exp_minus, power_db},
+    lattice::Lattice,
+    march::{DIRECTIONS, March},
+    occlusion::Occlusion,
+};
+
+/// Pixels between knots of the map, across and down.
+pub const ACROSS: usize = 4;
+const DOWN: usize = 4;
+/// A place is never drawn farther from its depth than this; the axial filter has no more rows at hand.
+pub const MAX_DELAY_M: f64 = 2.5e-3;
+/// The centre frequency never falls below this share of the transmitted one: the spectrum is no Gaussian then.
+const MIN_FREQUENCY_SHARE: f64 = 0.65;
+
+/// The plane that the map covers: displayed columns and rows.
+#[derive(Debug, Clone, Copy)]
+pub struct Plane {
+    pub columns: usize,
+    pub rows: usize,
+    pub first_x_m: f64,
+    pub spacing_m: f64,
+}
+
+impl Plane {
+    pub fn knots_across(&self) -> usize {
+        self.columns.div_ceil(ACROSS) + 1
+    }
+
+    pub fn knots_down(&self) -> usize {
+        self.rows / DOWN + 2
+    }
+
+    pub fn step_m(&self) -> f64 {
+        DOWN as f64 * self.spacing_m
+    }
+
+    pub fn knot_x_m(&self, i: usize) -> f64 {
+        self.first_x_m + (i * ACROSS) as f64 * self.spacing_m
+    }
+}
+
+/// Maps by knot, rows of knots from the face down.
+pub struct Paths {
+    plane: Plane,
+    /// σ of the pulse's spectrum over its centre frequency, squared; 0 keeps the frequency.
+    spread: f32,
+    /// Two-way amplitude by displayed depth, one row of pixel columns per row of knots.
+    amplitude: Vec<f32>,
+    /// Displayed minus true depth, and two-way amplitude, by true depth.
+    delay_m: Vec<f32>,
+    two_way: Vec<f32>,
+    /// The same two by displayed depth.
+    shown_delay_m: Vec<f32>,
+    shown_two_way: Vec<f32>,
+    /// Transmitted over received centre frequency.
+    stretch: Vec<f32>,
+    /// True when some delay is not zero.
+    pub any_delay: bool,
+    pub contact: Contact,
+    occlusion: Occlusion,
+    /// One-way transmission, and delay, of the step above each knot.
+    step_transmission: Vec<f32>,
+    step_delay_m: Vec<f32>,
+    march: March,
+}
+
+impl Paths {
+    pub fn new(beam: &Beam, probe: &ProbeSpec, plane: Plane) -> Self {
+        let knots = plane.knots_across() * plane.knots_down();
+        let zeros = || vec![0.0; knots];
+        Self {
+            plane,
+            spread: if probe.effects.downshift { beam.relative_spread_squared() } else { 0.0 },
+            amplitude: vec![0.0; plane.knots_down() * plane.columns],
+            delay_m: zeros(),
+            two_way: zeros(),
+            shown_delay_m: zeros(),
+            shown_two_way: zeros(),
+            stretch: vec![1.0; knots],
+            any_delay: false,
+            contact: Contact::new(probe),
+            occlusion: Occlusion::new(probe),
+            step_transmission: zeros(),
+            step_delay_m: zeros(),
+            march: March::default(),
+        }
+    }
+
+    /// Fills the maps for one pose, needle and contact. `needle_diameter_m` is the shaft's.
+    pub fn build(
+        &mut self,
+        beam: &Beam,
+        lattice: &Lattice,
+        tissue: &mut Columns,
+        slice: &Slice,
+        needle_diameter_m: f64,
+    ) {
+        self.sample(lattice, tissue, &slice.phantom_from_probe);
+        self.contact.set(&slice.element_gap_m, &self.plane, beam);
+        self.occlusion.trace(slice, needle_diameter_m, &self.plane);
+        let across = self.plane.knots_across();
+        self.march.start(across);
+        for row in 0..self.plane.knots_down() {
+            if row > 0 {
+                let steps = row * across..(row + 1) * across;
+                self.march.step(beam, &self.step_transmission[steps.clone()], &self.step_delay_m[steps]);
+            }
+            self.finish_row(beam, row);
+        }
+        self.show();
+    }
+
+    /// Loss and delay of every step, read off the tissue's columns.
+    fn sample(&mut self, lattice: &Lattice, tissue: &mut Columns, phantom_from_probe: &Pose) {
+        let across = self.plane.knots_across();
+        // Losses until all are known.
+        self.step_transmission.fill(0.0);
+        self.step_delay_m.fill(0.0);
+        if !phantom_from_probe.to_homogeneous().iter().all(|v| v.is_finite()) {
+            self.step_transmission.fill(1.0);
+            return;
+        }
+        let step_m = self.plane.step_m();
+        let down = phantom_from_probe * Vector::z();
+        // Scatterers of a column that one step passes; a step nearly along the layers counts as one point.
+        let per_step = (-down.z * step_m / lattice.depth_step_m).max(1e-3) as f32;
+        let length_m = step_m as f32 / per_step;
+        for i in 0..across {
+            let mut point = phantom_from_probe * Point::new(self.plane.knot_x_m(i), 0.0, step_m / 2.0);
+            let mut column = None;
+            let mut stretches: &[Stretch] = &[];
+            for row in 1..self.plane.knots_down() {
+                let indices = lattice.nearest(point.x, point.y);
+                let from = lattice.index_at(point.z) as f32 - per_step / 2.0;
+                let to = from + per_step;
+                if column != Some(indices) {
+                    column = Some(indices);
+                    let range = tissue.get(indices[0], indices[1]);
+                    stretches = tissue.stretches(range);
+                }
+                // What is above is not met again by going down.
+                while stretches.first().is_some_and(|stretch| (stretch.end as f32) < from - per_step) {
+                    stretches = &stretches[1..];
+                }
+                let (mut loss, mut delay, mut entries) = (0.0, 0.0, 0.0);
+                for stretch in stretches {
+                    let (start, end) = (stretch.start as f32, stretch.end as f32);
+                    if start > to {
+                        break;
+                    }
+                    let passed_m = (end.min(to) - start.max(from)).max(0.0) * length_m;
+                    loss += passed_m * stretch.loss_np_m;
+                    delay += passed_m * stretch.delay;
+                    // What a surface reflects is lost one step below it, so that its own echo is not dimmed.
+                    if from - per_step < start && start <= to - per_step {
+                        entries += stretch.entry_loss_np;
+                    }
+                }
+                self.step_transmission[row * across + i] = loss + entries;
+                self.step_delay_m[row * across + i] = delay;
+                point += down * step_m;
+            }
+        }
+        self.step_transmission.iter_mut().for_each(|loss| *loss = exp_minus(*loss));
+    }
+
+    /// Means over the aperture at one row of knots.
+    fn finish_row(&mut self, beam: &Beam, row: usize) {
+        let Self { plane, march, contact, occlusion, spread, .. } = self;
+        let across = plane.knots_across();
+        let depth_m = row as f64 * plane.step_m();
+        march.clear_sums();
+        let wanted_m = beam.wanted_aperture_m(depth_m);
+        occlusion.reach_row(row, beam, plane);
+        for direction in 0..DIRECTIONS {
+            march.weigh(direction, plane, wanted_m, beam.half_aperture_m);
+            march.transmit(direction);
+            if contact.any_blind {
+                contact.shade(direction, plane, wanted_m, &mut march.part);
+            }
+            if occlusion.begun() {
+                occlusion.shade(direction, beam, depth_m, &mut march.part);
+            }
+            march.sum(direction);
+        }
+        march.divide();
+        let most = (1.0 - MIN_FREQUENCY_SHARE) as f32;
+        for i in 0..across {
+            let knot = row * across + i;
+            let loss_np = -power_db(march.clear[i]) * NEPER_PER_POWER_DB;
+            self.delay_m[knot] = march.mean_delay_m[i].clamp(-MAX_DELAY_M as f32, MAX_DELAY_M as f32);
+            self.stretch[knot] = 1.0 / (1.0 - (2.0 * *spread * loss_np).min(most));
+            // Low frequencies get farther than the centre one: see `pulse_loss_np`.
+            let gain_np = loss_np - pulse_loss_np(loss_np, *spread);
+            let one_way = march.amplitude[i] / exp_minus(gain_np);
+            self.two_way[knot] = one_way * one_way;
+        }
+    }
+
+    /// Turns what is known by true depth into what display rows need.
+    fn show(&mut self) {
+        let (across, down) = (self.plane.knots_across(), self.plane.knots_down());
+        let step_m = self.plane.step_m() as f32;
+        self.any_delay = self.delay_m.iter().any(|&d| d != 0.0);
+        if self.any_delay {
+            for i in 0..across {
+                // Displayed depth grows with the true one, as no material is infinitely fast.
+                let shown = |row: usize| row as f32 * step_m + self.delay_m[row * across + i];
+                let mut row = 0;
+                for target in 0..down {
+                    let wanted = target as f32 * step_m;
+                    while row + 2 < down && shown(row + 1) < wanted {
+                        row += 1;
+                    }
+                    let (from, to) = (shown(row), shown(row + 1));
+                    let share = ((wanted - from) / (to - from).max(1e-9)).clamp(0.0, 1.0);
+                    let [above, below] = [row, row + 1].map(|row| row * across + i);
+                    let between = |map: &[f32]| map[above] + share * (map[below] - map[above]);
+                    self.shown_delay_m[target * across + i] = between(&self.delay_m);
+                    self.shown_two_way[target * across + i] = between(&self.two_way);
+                }
+            }
+        } else {
+            self.shown_two_way.copy_from_slice(&self.two_way);
+        }
+        let columns = self.plane.columns;
+        let knots = self.shown_two_way.chunks_exact(across);
+        for (row, knots) in self.amplitude.chunks_exact_mut(columns).zip(knots) {
+            for (part, ends) in row.chunks_mut(ACROSS).zip(knots.windows(2)) {
+                for (j, a) in part.iter_mut().enumerate() {
+                    *a = ends[0] + (ends[1] - ends[0]) * (j as f32 / ACROSS as f32);
+                }
+            }
+        }
+    }
+
+    /// Amplitudes at the knots above and below a display row, and how far it lies between them.
+    pub fn row(&self, row: usize) -> (&[f32], &[f32], f32) {
+        let columns = self.plane.columns;
+        let (knot, below) = (row / DOWN, row % DOWN);
+        let (above, rest) = self.amplitude[knot * columns..].split_at(columns);
+        (above, &rest[..columns], below as f32 / DOWN as f32)
+    }
+
+    /// Displayed minus true depth at knots `first, first + 2, …` across, for a display row; 8 pixels apart.
+    pub fn delays_of_row(&self, row: usize, out: &mut [f32]) {
+        let across = self.plane.knots_across();
+        let (knot, below) = (row / DOWN, row % DOWN);
+        let share = below as f32 / DOWN as f32;
+        let rows = &self.shown_delay_m[knot * across..][..2 * across];
+        for (block, out) in out.iter_mut().enumerate() {
+            let i = (2 * block + 1).min(across - 1);
+            *out = rows[i] + share * (rows[across + i] - rows[i]);
+        }
+    }
+
+    /// Displayed minus true depth of a place of the plane.
+    pub fn delay_m(&self, x_m: f64, z_m: f64) -> f64 {
+        if self.any_delay { self.at(&self.delay_m, x_m, z_m) } else { 0.0 }
+    }
+
+    /// Transmitted over received centre frequency at a place: by so much the lateral beam is wider.
+    pub fn stretch(&self, x_m: f64, z_m: f64) -> f64 {
+        if self.spread == 0.0 { 1.0 } else { self.at(&self.stretch, x_m, z_m) }
+    }
+
+    /// The largest [`Self::stretch`] that can be.
+    pub fn most_stretch() -> f64 {
+        1.0 / MIN_FREQUENCY_SHARE
+    }
+
+    fn at(&self, map: &[f32], x_m: f64, z_m: f64) -> f64 {
+        let across = self.plane.knots_across();
+        let knot = |v: f64, count: usize| {
+            let v = v.clamp(0.0, (count - 1) as f64 - 1e-6);
+            (v as usize, (v - v.floor()) as f32)
+        };
+        let (i, fx) = knot((x_m - self.plane.first_x_m) / (ACROSS as f64 * self.plane.spacing_m), across);
+        let (j, fz) = knot(z_m / self.plane.step_m(), self.plane.knots_down());
+        let rows = &map[j * across..][..2 * across];
+        let along = |row: &[f32]| row[i] + fx * (row[i + 1] - row[i]);
+        let (above, below) = (along(&rows[..across]), along(&rows[across..]));
+        f64::from(above + fz * (below - above))
+    }
+}
