@@ -4,7 +4,8 @@
 /// squared. Plain products and sums, so loops over it vectorise and every CPU gives the same bits.
 #[inline(always)]
 pub fn exp_minus(x: f32) -> f32 {
-    let y = x.min(8.5) * (1.0 / 16.0);
+    // A comparison, as `min` also looks for what is no number.
+    let y = if x < 8.5 { x } else { 8.5 } * (1.0 / 16.0);
     let series = 1.0
         - y * (1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y * (1.0 / 120.0 - y * (1.0 / 720.0))))));
     let squared = series * series;

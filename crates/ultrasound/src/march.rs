@@ -85,7 +85,11 @@ impl March {
         let (from_m, part_m, weight) = (from_m as f32, part_m as f32, weight(direction) / part_m as f32);
         for (i, share) in self.share.iter_mut().enumerate() {
             let low = from_m + i as i32 as f32 * knot_m;
-            *share = weight * ((low + part_m).min(half_m) - low.max(-half_m)).max(0.0);
+            // Comparisons, as `min` and `max` also look for what is no number.
+            let high = if low + part_m < half_m { low + part_m } else { half_m };
+            let low = if low > -half_m { low } else { -half_m };
+            let length_m = high - low;
+            *share = if length_m > 0.0 { weight * length_m } else { 0.0 };
         }
     }
 
