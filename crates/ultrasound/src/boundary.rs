@@ -26,7 +26,7 @@ const FLOOR_DB: f64 = -10.0;
 const LEAST_NP: f64 = -1.6;
 /// σ of the window across the plane, in rows of the lattice, and its reach in σ.
 const WINDOW: f64 = 0.5;
-const WINDOW_REACH: f64 = 2.2;
+const WINDOW_REACH: f64 = 3.0;
 /// Passages between the two faces of a layer that are drawn.
 const REVERBERATIONS: i32 = 5;
 /// Products of two faces' reflections below this make no reverberation that shows.

@@ -98,10 +98,14 @@ impl Sink<'_> {
         let step_m = LOBE_STEP * self.beam.sigma_lateral_m;
         for i in 1..=(LOBE_REACH * LOBE_SIGMA_M / step_m) as i32 {
             let aside_m = f64::from(i) * step_m;
-            let fall = libm::exp(-0.5 * (aside_m / LOBE_SIGMA_M).powi(2));
+            // Points so close that they add up to one line.
+            let level = amplitude * libm::exp(-0.5 * (aside_m / LOBE_SIGMA_M).powi(2)) * LOBE_STEP
+                / core::f64::consts::TAU.sqrt();
             let late_m = (at.z * at.z + aside_m * aside_m).sqrt() - at.z;
+            // Each line hears the tip by itself: no sum over lines may weaken what lies aslant.
+            let (sin, cos) = libm::sincos(self.beam.two_k_rad_m * late_m);
             for side in [-1.0, 1.0] {
-                self.add([at.x + side * aside_m, at.y, at.z], late_m, [amplitude * fall, 0.0]);
+                self.add([at.x + side * aside_m, at.y, at.z], late_m, [cos * level, sin * level]);
             }
         }
     }

@@ -97,15 +97,16 @@ impl Occlusion {
                 (a, b)
             };
             let place = |x_m: f64| (x_m - plane.first_x_m) / plane.step_m();
+            let last = (plane.knots_across() - 1) as f64;
             let left = place(from.x.min(to.x) - radius_m).ceil().max(0.0);
-            let right = place(from.x.max(to.x) + radius_m).floor();
+            let right = place(from.x.max(to.x) + radius_m).floor().min(last);
             if right < left {
                 continue;
             }
             let depth_m = (from.z + to.z) / 2.0;
             self.shades.push(Shade {
                 row: ((depth_m + radius_m + BELOW_M) / step_m).ceil() as usize,
-                knots: [left as usize, (right as usize + 1).min(plane.knots_across())],
+                knots: [left as usize, right as usize + 1],
                 cover: Cover {
                     depth_m: depth_m as f32,
                     low_m: (from.y.min(to.y) - radius_m) as f32,

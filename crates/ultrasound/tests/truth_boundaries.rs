@@ -23,7 +23,7 @@ fn field(probe: &ProbeSpec, tissue: &Tissue, pose: Pose) -> Field {
     Renderer::new(probe.clone(), needle(), tissue.clone(), 6).field(&slice(pose))
 }
 
-/// Highest power in the middle of the picture, in dB over unit speckle, and its row to a fraction.
+/// Highest power in the middle of the picture, in dB over unit speckle, and its row, between rows too.
 fn peak(field: &Field) -> (f64, f64) {
     let column = field.columns / 2;
     let power = |row: usize| {
@@ -32,7 +32,9 @@ fn peak(field: &Field) -> (f64, f64) {
     };
     let best = (1..field.rows - 1).max_by(|&a, &b| power(a).total_cmp(&power(b))).unwrap_or(1);
     let [a, b, c] = [best - 1, best, best + 1].map(|row| power(row).max(1e-30).ln());
-    (10.0 * power(best).log10(), best as f64 + 0.5 * (a - c) / (a - 2.0 * b + c))
+    // A Gaussian's logarithm is a parabola.
+    let past = 0.5 * (a - c) / (a - 2.0 * b + c);
+    ((b - 0.25 * (a - c) * past) * 10.0 / core::f64::consts::LN_10, best as f64 + past)
 }
 
 #[test]
@@ -193,13 +195,13 @@ fn truth_shadow_is_complete_near_the_body_and_fills_as_the_aperture_sees_past_it
         level_db(&tissue, rows.clone(), columns.clone()) - level_db(&plain, rows, columns)
     };
     assert!(change_db(130..180, -10..10) < -40.0, "{}", change_db(130..180, -10..10));
-    for row in [280u32, 350, 450] {
-        let beyond_m = f64::from(row) * 1e-4 - 0.011;
+    // Nearer than that the shadow fills up to 6 dB faster than rays say: the map that follows them blurs its edge.
+    for row in [350u32, 450] {
+        let beyond_m = f64::from(row) * 1e-4 - 0.012;
         let seen = 1.0 - 4e-3 * 2.0 / beyond_m;
         let expected_db = 80.0 * seen.log10();
         let measured_db = change_db(row - 12..row + 12, -4..5);
-        println!("row {row} {measured_db} {expected_db}");
-        assert!((measured_db - expected_db).abs() < 9.5, "row {row}: {measured_db} dB for {expected_db}");
+        assert!((measured_db - expected_db).abs() < 2.5, "row {row}: {measured_db} dB for {expected_db}");
     }
     // Beside the body nothing is missing.
     assert!(change_db(100..200, 60..150).abs() < 0.5, "{}", change_db(100..200, 60..150));

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{gel, needle, needle_in_probe, pose, probe, slice, water};
-use sonoloop_types::{ImageGeometry, NeedleSpec, Point, Pose, Slice, Tissue};
+use sonoloop_types::{Effects, Image, ImageGeometry, NeedleSpec, Point, Pose, ProbeSpec, Slice, Tissue};
 use sonoloop_ultrasound::Renderer;
 
 /// Power of the field per pixel of the image, with the given needle.
@@ -127,4 +127,97 @@ fn truth_a_flat_shaft_is_a_mirror_and_an_oblique_one_is_not() {
     // Level as stated; cos 0 of the sum, and the thickness at 23.6 mm is within 0.3 dB of its reference.
     assert!((peak_db(0.0) - 45.0).abs() < 1.5, "{} dB", peak_db(0.0));
     assert!(peak_db(40.0) < peak_db(0.0) - 40.0, "{} dB at 40°", peak_db(40.0));
+}
+
+/// Highest power in dB of some rows and columns of the image.
+fn crest_db(power: &[f64], rows: core::ops::Range<usize>, columns: core::ops::Range<usize>) -> f64 {
+    let values = rows.flat_map(|row| columns.clone().map(move |column| power[row * 640 + column]));
+    10.0 * values.fold(1e-12, f64::max).log10()
+}
+
+#[test]
+fn truth_walls_of_a_flat_shaft_repeat_at_the_steels_thickness() {
+    // A 12G shaft, 2.769 mm of steel: 2.769·1540/5790 = 0.7365 mm between the echoes.
+    let thick =
+        NeedleSpec { outer_diameter_m: 2.769e-3, rough_level_db: -200.0, tip_level_db: -200.0, ..needle() };
+    let rest = pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let slice = with_needle(&rest, [10.0, 0.0, 24.0], [1.0, 0.0, 0.0]);
+    let power = power(&thick, &water(), &slice);
+    let line: Vec<f64> = (0..480).map(|row| crest_db(&power, row..row + 1, 300..320)).collect();
+    let crests: Vec<f64> = (200..280)
+        .filter(|&v| line[v] > line[v - 1] && line[v] > line[v + 1] && line[v] > 0.0)
+        .map(|v| {
+            let [a, b, c] = [line[v - 1], line[v], line[v + 1]];
+            v as f64 + 0.5 * (a - c) / (a - 2.0 * b + c)
+        })
+        .collect();
+    assert!(crests.len() >= 3, "{crests:?}");
+    assert!((crests[0] - (240.0 - 13.845)).abs() < 0.5, "front wall at row {}", crests[0]);
+    for pair in crests.windows(2) {
+        assert!((pair[1] - pair[0] - 7.365).abs() < 0.2, "{crests:?}");
+    }
+    let probe = ProbeSpec { effects: Effects { reverberation: false, ..Effects::default() }, ..probe() };
+    let field = Renderer::new(probe, thick, water(), 4).field(&slice);
+    // Left of the bevel, which leads from the wall down to the tip.
+    let below = (232..480).flat_map(|row| field.values[row * field.columns..][100..190].iter());
+    let below = below.map(|[re, im]| re * re + im * im).fold(0.0, f32::max);
+    assert!(below < 1e-3, "{below} below the front wall without reverberation");
+}
+
+#[test]
+fn truth_side_lobes_of_the_tip_lie_where_its_distance_says() {
+    // A line d beside a point at depth z hears it from √(z² + d²).
+    let rest = pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let slice = with_needle(&rest, [0.05, 0.0, 20.0], [0.766, 0.0, 0.643]);
+    let power = power(&tip_only(), &water(), &slice);
+    let tip_db = crest_db(&power, 195..206, 315..326);
+    for aside_px in [25usize, 40, 60] {
+        for column in [320 - aside_px, 320 + aside_px] {
+            let level_db = crest_db(&power, 190..240, column - 3..column + 4) - tip_db;
+            let fall_db = 4.343 * (aside_px as f64 / 30.0).powi(2);
+            assert!((level_db + 40.0 + fall_db).abs() < 2.0, "{level_db} dB {aside_px} px beside the tip");
+            let row = (190..240)
+                .max_by(|&a, &b| power[a * 640 + column].total_cmp(&power[b * 640 + column]))
+                .unwrap_or(0);
+            let expected = f64::hypot(200.0, aside_px as f64);
+            assert!((row as f64 - expected).abs() <= 1.5, "row {row} for {expected} at {aside_px} px");
+        }
+    }
+    let probe = ProbeSpec { effects: Effects { side_lobes: false, ..Effects::default() }, ..probe() };
+    let field = Renderer::new(probe, tip_only(), water(), 4).field(&slice);
+    let column = 360 - field.first_px;
+    let most = (0..field.rows).map(|v| field.values[v * field.columns + column][0].abs()).fold(0.0, f32::max);
+    assert!(most < 1e-6, "{most} beside the tip without lobes");
+}
+
+#[test]
+fn truth_shadow_of_the_shaft_fills_as_the_aperture_grows_past_it() {
+    // Under a flat shaft the share of the aperture's height that steel covers is d over the height of the cone
+    // there, 5 mm·(z − z_n)/z, which is never less than the beam's own, one way √2 of the slice. Sound goes that way
+    // twice, and 15 % of what meets steel goes round it.
+    let probe = ProbeSpec { noise_level_db: -200.0, dynamic_range_db: 100.0, ..probe() };
+    let spec = NeedleSpec { outer_diameter_m: 1.4e-3, ..needle() };
+    let rest = pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let with = with_needle(&rest, [25.0, 0.0, 12.0], [1.0, 0.0, 0.0]);
+    let without = slice(rest);
+    let level_db = |slice: &Slice, probe: &ProbeSpec, rows: core::ops::Range<u32>| {
+        let mut image = Image::black(1, 1);
+        Renderer::new(probe.clone(), spec.clone(), gel(), 4).render(slice, &mut image);
+        let count = rows.len() * 100;
+        let sum: f64 = rows.flat_map(|v| image.row(v)[270..370].iter().map(|&g| f64::from(g))).sum();
+        sum / count as f64 / 255.0 * 100.0
+    };
+    for row in [300u32, 380, 450] {
+        let rows = row - 12..row + 12;
+        let z_mm = f64::from(row) * 0.1;
+        let beam_mm = 2f64.sqrt() * 1e3 * probe.slice_thickness_m(z_mm * 1e-3);
+        let covered = 1.4 / (5.0 * (z_mm - 12.0) / z_mm).max(beam_mm);
+        let expected_db = 40.0 * (1.0 - 0.85 * covered).log10();
+        let change_db = level_db(&with, &probe, rows.clone()) - level_db(&without, &probe, rows.clone());
+        assert!((change_db - expected_db).abs() < 1.0, "row {row}: {change_db} dB for {expected_db}");
+        let off =
+            ProbeSpec { effects: Effects { needle_shadow: false, ..Effects::default() }, ..probe.clone() };
+        let change_db = level_db(&with, &off, rows.clone()) - level_db(&without, &off, rows);
+        assert!(change_db.abs() < 0.3, "row {row}: {change_db} dB without shadow");
+    }
 }

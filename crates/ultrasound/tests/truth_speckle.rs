@@ -3,7 +3,7 @@
 mod common;
 
 use common::{gel, needle, pose, probe, slice};
-use sonoloop_types::Pose;
+use sonoloop_types::{Effects, Pose, ProbeSpec};
 use sonoloop_ultrasound::{Field, Renderer};
 
 fn renderer(seed: u64) -> Renderer {
@@ -190,5 +190,35 @@ fn truth_grain_has_the_size_of_the_beam_at_three_depths() {
                 );
             }
         }
+    }
+}
+
+#[test]
+fn truth_a_transmit_focus_narrows_the_grain_there() {
+    // Sending and receiving are each √2 wider than both together where both are in focus. Far from the transmit
+    // focus only receiving is left, √2 wider than at the focus.
+    let probe = ProbeSpec {
+        transmit_focus_m: Some(0.022),
+        effects: Effects { downshift: false, ..Effects::default() },
+        ..probe()
+    };
+    let fields: Vec<Field> = (0..10u64)
+        .map(|i| {
+            let mut renderer = Renderer::new(probe.clone(), needle(), gel(), 5 + i);
+            renderer.field(&slice(pose(0.0, -9.0 + 2.0 * i as f64, 0.0, 0.0, 0.0, 0.0)))
+        })
+        .collect();
+    let narrow_px = 0.886 * 1540.0 / 7.54e6 * 2.0 / 2.3548 / 1e-4;
+    let sent = |z_m: f64| {
+        let cone_px = (z_m - 0.022) / 2.0 / 12f64.sqrt() / 1e-4;
+        (1.0 + (cone_px / (2f64.sqrt() * narrow_px)).powi(2)).sqrt()
+    };
+    for rows in [96..104usize, 216..224, 356..364] {
+        let wide = sent((rows.start + 4) as f64 * 1e-4);
+        let expected = narrow_px * (2.0 / (1.0 + 1.0 / (wide * wide))).sqrt();
+        let rho = correlation_in_plane(&fields, rows.clone(), 0, 2);
+        let sigma = 2.0 / (2.0 * (-rho.ln()).sqrt());
+        println!("{rows:?}: σ {sigma:.3} px, theory {expected:.3}");
+        assert!((sigma / expected - 1.0).abs() < 0.06, "{rows:?}: σ {sigma} px for {expected}");
     }
 }
