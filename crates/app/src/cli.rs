@@ -162,6 +162,10 @@ pub struct RenderArgs {
     /// Probe file
     #[arg(long, default_value = "robots/probes/l12_3v.yaml")]
     pub probe: PathBuf,
+    /// Turn a setting of the probe: any key of its file, e.g. --set depth_mm=60, --set transmit_focus_mm=20,
+    /// --set effects.boundaries=false
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
     /// Needle file
     #[arg(long, default_value = "robots/needles/22g_150mm.yaml")]
     pub needle: PathBuf,

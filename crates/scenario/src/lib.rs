@@ -27,7 +27,8 @@ mod tree;
 
 pub use error::LoadError;
 pub use load::{
-    LoadOptions, add_disturbance, load, load_materials, load_needle, load_phantom, load_probe, load_text,
+    LoadOptions, add_disturbance, load, load_materials, load_needle, load_phantom, load_probe,
+    load_probe_with, load_text,
 };
 pub use metrics::METRICS;
 pub use model::{

@@ -86,6 +86,18 @@ pub fn load_probe(path: &Path) -> Result<ProbeSpec, LoadError> {
     check::probe(&Document::read(path)?)
 }
 
+/// Loads a probe's file, with some of its values replaced: `key=value` each, as on the command line.
+///
+/// # Errors
+///
+/// As [`load`]; also for a value that the file could not have.
+pub fn load_probe_with(path: &Path, set: &[String]) -> Result<ProbeSpec, LoadError> {
+    let written = Document::read(path)?;
+    check::probe(&written)?;
+    let (tree, changes) = assigned(&written, set)?;
+    check::probe(&written.resolve(&tree, changes)?)
+}
+
 /// Loads a needle's file.
 ///
 /// # Errors
@@ -118,14 +130,7 @@ fn resolve(source: Source, options: &LoadOptions) -> Result<Scenario, LoadError>
     let written = Document::parse(source)?;
     written.typed::<RawScenario>()?;
 
-    let mut tree = written.tree.clone();
-    let mut changes = Vec::new();
-    for text in &options.set {
-        let (key, node) = assignment(&written, text)?;
-        put(&written, &mut tree, key, node)
-            .map_err(|why| LoadError::new(&written.source.path, format!("--set {text}: {why}")))?;
-        changes.push(Change { key: key.to_owned(), origin: Origin::Set });
-    }
+    let (mut tree, changes) = assigned(&written, &options.set)?;
     if let Some(seed) = options.seed {
         put(&written, &mut tree, "seed", Node::bare(Value::UInt(seed)))
             .map_err(|why| LoadError::new(&written.source.path, why))?;
@@ -174,6 +179,19 @@ fn finish(document: &Document, library: &check::Library) -> Result<Scenario, Loa
     );
     scenario.resolved_yaml.insert_str(0, &head);
     Ok(scenario)
+}
+
+/// The file's values with those of the command line put over them.
+fn assigned(written: &Document, set: &[String]) -> Result<(Node, Vec<Change>), LoadError> {
+    let mut tree = written.tree.clone();
+    let mut changes = Vec::new();
+    for text in set {
+        let (key, node) = assignment(written, text)?;
+        put(written, &mut tree, key, node)
+            .map_err(|why| LoadError::new(&written.source.path, format!("--set {text}: {why}")))?;
+        changes.push(Change { key: key.to_owned(), origin: Origin::Set });
+    }
+    Ok((tree, changes))
 }
 
 /// `key=value` of the command line.

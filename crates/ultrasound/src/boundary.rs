@@ -83,47 +83,54 @@ pub fn facets(
 ) -> Vec<Facet> {
     // The rows beside this one are shifted by half a column.
     let left = ix - 1 + (iy & 1);
-    let [west, east] = [-1, 1].map(|step| boundaries(ix + step, iy));
-    let beside = [-1, 1].map(|step| [left, left + 1].map(|ix| boundaries(ix, iy + step)));
-    let matching = |boundary: &Boundary, others: &[Boundary], distance_m: f64| {
-        others
-            .iter()
-            .filter(|other| other.between == boundary.between)
-            .map(|other| other.z_m - boundary.z_m)
-            .filter(|rise_m| rise_m.abs() < MAX_SLOPE * distance_m)
-            .min_by(|a, b| a.abs().total_cmp(&b.abs()))
-    };
-    let mean = |values: &[Option<f64>]| {
-        let found = values.iter().flatten();
-        let count = found.clone().count();
-        if count == 0 { 0.0 } else { found.sum::<f64>() / count as f64 }
-    };
-    let facets = own.iter().enumerate().map(|(index, boundary)| {
-        let along_x = [(-1.0, &west), (1.0, &east)]
-            .map(|(sign, others)| matching(boundary, others, dx_m).map(|rise_m| sign * rise_m / dx_m));
-        let along_y = [0, 1].map(|side| {
-            let rises = [0, 1].map(|i| matching(boundary, &beside[side][i], dy_m));
-            let sign = if side == 0 { -1.0 } else { 1.0 };
-            rises.iter().any(Option::is_some).then(|| sign * mean(&rises) / dy_m)
-        });
+    let around = [
+        ([-dx_m, 0.0], [ix - 1, iy]),
+        ([dx_m, 0.0], [ix + 1, iy]),
+        ([-dx_m / 2.0, -dy_m], [left, iy - 1]),
+        ([dx_m / 2.0, -dy_m], [left + 1, iy - 1]),
+        ([-dx_m / 2.0, dy_m], [left, iy + 1]),
+        ([dx_m / 2.0, dy_m], [left + 1, iy + 1]),
+    ]
+    .map(|(offset_m, [ix, iy])| (offset_m, boundaries(ix, iy)));
+    let facets = own.iter().enumerate().filter_map(|(index, boundary)| {
+        let mut like = 0;
+        let mut near = 0;
+        let mut parallel = true;
+        // Least squares for the plane through this place; the ridge keeps what is not known at zero.
+        let (mut xx, mut xy, mut yy, mut xr, mut yr) =
+            (1e-6 * dx_m * dx_m, 0.0, 1e-6 * dx_m * dx_m, 0.0, 0.0);
+        for ([x_m, y_m], others) in &around {
+            let same = others.iter().filter(|other| other.between == boundary.between);
+            let nearest = same.min_by(|a, b| {
+                let distance_m = |other: &Boundary| (other.z_m - boundary.z_m).abs();
+                distance_m(a).total_cmp(&distance_m(b))
+            });
+            let Some(nearest) = nearest else { continue };
+            like += 1;
+            parallel &= (nearest.thickness_m - boundary.thickness_m).abs() < MAX_WEDGE * dx_m;
+            let rise_m = nearest.z_m - boundary.z_m;
+            if rise_m.abs() < MAX_SLOPE * dx_m {
+                near += 1;
+                (xx, xy, yy) = (xx + x_m * x_m, xy + x_m * y_m, yy + y_m * y_m);
+                (xr, yr) = (xr + x_m * rise_m, yr + y_m * rise_m);
+            }
+        }
+        // A wall seen edge on is no facet; what has none like it around, as the top of a wire, faces every way.
+        if 2 * near < like {
+            return None;
+        }
+        let determinant = xx * yy - xy * xy;
         // Faces that are not parallel send the sound away sideways.
-        let parallel = [&west, &east]
-            .into_iter()
-            .chain(beside.iter().flatten())
-            .flat_map(|others| others.iter().filter(|other| other.between == boundary.between));
-        let parallel = parallel
-            .into_iter()
-            .all(|other| (other.thickness_m - boundary.thickness_m).abs() < MAX_WEDGE * dx_m);
         let far_face = own.get(index + 1).filter(|next| parallel && next.between[0] == boundary.between[1]);
         let ratio = far_face.map_or(0.0, |face| (boundary.reflection * face.reflection).abs());
-        Facet {
+        Some(Facet {
             z_m: boundary.z_m,
-            slope: [mean(&along_x), mean(&along_y)],
+            slope: [(xr * yy - yr * xy) / determinant, (yr * xx - xr * xy) / determinant],
             reflection: boundary.reflection,
             level_np: PLANE_LEVEL_DB * NEPER_PER_DB + libm::log(boundary.reflection.abs()),
             spacing_m: boundary.thickness_m,
             ratio: if ratio < MIN_REVERBERATION { 0.0 } else { ratio },
-        }
+        })
     });
     facets.collect()
 }

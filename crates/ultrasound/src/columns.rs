@@ -89,7 +89,6 @@ pub struct Columns {
     draws_boundaries: bool,
     stretches: Vec<Stretch>,
     stretches_of: Table,
-    /// Boundaries and facets of a column stand at the same places.
     boundaries: Vec<Boundary>,
     boundaries_of: Table,
     facets: Vec<Facet>,
@@ -165,12 +164,13 @@ impl Columns {
             Some(range) if range.first != UNKNOWN => *range,
             Some(_) => {
                 let own = self.boundaries(ix, iy);
-                let range = Range { first: self.facets.len() as u32, count: own.len() as u32 };
+                let first = self.facets.len();
                 if !own.is_empty() {
                     let spacing_m = self.lattice.spacing_m();
                     let found = facets(&own, spacing_m, [ix, iy], |ix, iy| self.boundaries(ix, iy));
                     self.facets.extend(found);
                 }
+                let range = Range { first: first as u32, count: (self.facets.len() - first) as u32 };
                 if let Some(entry) = self.facets_of.entry(ix, iy) {
                     *entry = range;
                 }

@@ -4,6 +4,7 @@ use sonoloop_types::ProbeSpec;
 
 use crate::{
     beam::Beam,
+    lattice::mix,
     march::{DIRECTIONS, part_of_aperture},
     paths::Plane,
 };
@@ -15,11 +16,19 @@ const AIR_GAP_M: f32 = 1e-7;
 pub struct Contact {
     elements: usize,
     pitch_m: f64,
-    /// Share of the near aperture that is blind, per displayed column.
+    /// Share of the near aperture that is blind, per displayed column, times the strength of its elements' ringing.
     pub blind: Vec<f32>,
     pub any_blind: bool,
     /// Coupled elements left of each edge between elements.
     coupled: Vec<f64>,
+}
+
+/// How strongly the elements around a place ring, in elements from the middle: no two are alike. [assumed]
+fn unevenness(place: f64) -> f32 {
+    let strength = |element: i64| 0.5 + (mix(element as u64) >> 40) as f32 / (1u32 << 24) as f32;
+    let element = place.floor();
+    let [left, right] = [0, 1].map(|step| strength(element as i64 + step));
+    left + (right - left) * (place - element) as f32
 }
 
 impl Contact {
@@ -49,7 +58,8 @@ impl Contact {
         let face_m = beam.wanted_aperture_m(0.0);
         for column in 0..plane.columns {
             let x_m = plane.first_x_m + column as f64 * plane.spacing_m;
-            self.blind[column] = 1.0 - self.share([x_m - face_m / 2.0, x_m + face_m / 2.0]);
+            let share = self.share([x_m - face_m / 2.0, x_m + face_m / 2.0]);
+            self.blind[column] = (1.0 - share) * unevenness(x_m / self.pitch_m);
         }
     }
 

@@ -27,7 +27,8 @@ pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
     file_is_there("--needle", &args.needle)?;
     let phantom =
         sonoloop_scenario::load_phantom(phantom_file).map_err(|e| AppError::BadInput(e.render()))?;
-    let probe = sonoloop_scenario::load_probe(&args.probe).map_err(|e| AppError::BadInput(e.render()))?;
+    let probe = sonoloop_scenario::load_probe_with(&args.probe, &args.set)
+        .map_err(|e| AppError::BadInput(e.render()))?;
     let needle = sonoloop_scenario::load_needle(&args.needle).map_err(|e| AppError::BadInput(e.render()))?;
 
     let slice = view(args).slice(&probe);

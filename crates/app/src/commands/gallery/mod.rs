@@ -35,7 +35,7 @@ pub fn gallery(folder: &Path, args: &RenderArgs) -> Result<Outcome, AppError> {
     file_is_there("--probe", &args.probe)?;
     file_is_there("--needle", &args.needle)?;
     let bad = |e: sonoloop_scenario::LoadError| AppError::BadInput(e.render());
-    let probe = sonoloop_scenario::load_probe(&args.probe).map_err(bad)?;
+    let probe = sonoloop_scenario::load_probe_with(&args.probe, &args.set).map_err(bad)?;
     let needle = sonoloop_scenario::load_needle(&args.needle).map_err(bad)?;
     let phantoms = phantoms_beside(&chosen)?;
 
@@ -53,7 +53,16 @@ pub fn gallery(folder: &Path, args: &RenderArgs) -> Result<Outcome, AppError> {
         let mut renderer = Renderer::new(probe.clone(), needle.clone(), tissue, args.seed);
         for picture in sections.iter().flat_map(|s| &s.pictures).filter(|p| p.phantom == *stem) {
             bar.set_message(picture.file.clone());
-            renderer.render(&picture.view.slice(&probe), &mut image);
+            let slice = picture.view.slice(&probe);
+            match picture.tune {
+                None => renderer.render(&slice, &mut image),
+                Some(tune) => {
+                    let mut probe = probe.clone();
+                    tune(&mut probe);
+                    let tissue = sonoloop_world::tissue(spec);
+                    Renderer::new(probe, needle.clone(), tissue, args.seed).render(&slice, &mut image);
+                }
+            }
             write_png(&stage.path(&picture.file), &image)
                 .map_err(|e| AppError::Fault(format!("{}: {e}", folder.join(&picture.file).display())))?;
             bar.inc(1);

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use sonoloop_types::ProbeSpec;
+
 use super::super::view::{NeedleView, View};
 
 /// A phantom to be pictured.
@@ -41,7 +43,12 @@ pub struct Picture {
     pub phantom: String,
     /// Probe and needle.
     pub view: View,
+    /// What is changed about the probe's settings.
+    pub tune: Option<Tune>,
 }
+
+/// Turns a knob of the scanner.
+pub type Tune = fn(&mut ProbeSpec);
 
 /// Pictures that are to be compared with one another.
 #[derive(Debug)]
@@ -76,6 +83,15 @@ pub fn sections(phantoms: &[PhantomFile], main: &str) -> Vec<Section> {
         caption,
         phantom: main.to_owned(),
         view,
+        tune: None,
+    };
+    let is_there = |picture: &Picture| phantoms.iter().any(|phantom| phantom.stem == picture.phantom);
+    let of = |phantom: &str, name: &str, caption: &str, view: View, tune: Option<Tune>| Picture {
+        file: format!("{name}.png"),
+        caption: caption.to_owned(),
+        phantom: phantom.to_owned(),
+        view,
+        tune,
     };
     vec![
         Section {
@@ -109,6 +125,23 @@ pub fn sections(phantoms: &[PhantomFile], main: &str) -> Vec<Section> {
             pictures: contact().map(|(name, caption, view)| of_main(name, caption, view)).into(),
         },
         Section {
+            title: "Effects, one by one",
+            note: "The same plane through simple anatomy with one effect switched off in each picture: what is missing is \
+                   what the effect does.",
+            pictures: effects()
+                .map(|(name, caption, tune)| of("anatomy", name, caption, anatomy(), tune))
+                .into_iter()
+                .filter(is_there)
+                .collect(),
+        },
+        Section {
+            title: "Knobs of the scanner",
+            note: "The same needle at 40°, the same gel.",
+            pictures: knobs()
+                .map(|(name, caption, tune)| of(main, name, caption, with(lateral(40.0)), Some(tune)))
+                .into(),
+        },
+        Section {
             title: "Settings and pose",
             note: "The same needle at 40°, seen with other gains and by a probe that leans or is turned.",
             pictures: settings().map(|(name, caption, view)| of_main(name, caption, view)).into(),
@@ -123,6 +156,7 @@ fn both(phantom: &PhantomFile) -> [Picture; 2] {
         caption,
         phantom: stem.clone(),
         view,
+        tune: None,
     };
     [
         picture("", note.clone(), View::default()),
@@ -180,6 +214,64 @@ fn contact() -> [(&'static str, String, View); 3] {
             view(0.435, 0.565),
         ),
         ("contact_none", "No contact at all: ringing, then noise.".into(), view(0.0, 1.0)),
+    ]
+}
+
+/// The needle behind the cyst, its shadow on the lump.
+fn anatomy() -> View {
+    with(NeedleView { tip_depth_m: 20e-3, ..lateral(30.0) })
+}
+
+fn effects() -> [(&'static str, &'static str, Option<Tune>); 6] {
+    [
+        ("effects_all", "Everything on.", None),
+        (
+            "effects_no_boundaries",
+            "No surfaces: the bone and the fascia lose their gloss.",
+            Some(|probe| probe.effects.boundaries = false),
+        ),
+        (
+            "effects_no_attenuation",
+            "No attenuation: the bone throws no shadow, and the compensation makes the depth glow.",
+            Some(|probe| probe.effects.attenuation = false),
+        ),
+        (
+            "effects_no_sound_speed",
+            "One sound speed: the bone is drawn as thick as it is, not as thin as its echoes are near in time.",
+            Some(|probe| probe.effects.sound_speed = false),
+        ),
+        (
+            "effects_no_downshift",
+            "The pulse keeps its frequency: finer speckle at the bottom.",
+            Some(|probe| probe.effects.downshift = false),
+        ),
+        (
+            "effects_no_needle_shadow",
+            "A needle that hides nothing.",
+            Some(|probe| probe.effects.needle_shadow = false),
+        ),
+    ]
+}
+
+fn knobs() -> [(&'static str, &'static str, Tune); 6] {
+    [
+        ("knob_focus_15", "Transmit focus at 15 mm: the tip, 25 mm deep, is broad.", |probe| {
+            probe.transmit_focus_m = Some(15e-3);
+        }),
+        ("knob_focus_25", "Transmit focus at the tip.", |probe| probe.transmit_focus_m = Some(25e-3)),
+        ("knob_depth_80", "80 mm deep: the phantom's bottom is at 60 mm.", |probe| {
+            probe.geometry.spacing_m = 80e-3 / f64::from(probe.geometry.height_px);
+        }),
+        ("knob_frequency_5", "5 MHz: coarser, and less noise at the bottom.", |probe| {
+            probe.centre_frequency_hz = 5e6;
+        }),
+        ("knob_sliders", "Sliders pulled back in the middle.", |probe| {
+            probe.tgc_sliders_db = vec![0.0, 0.0, -8.0, -14.0, -8.0, 0.0, 0.0, 0.0];
+        }),
+        ("knob_range_40", "A dynamic range of 40 dB: harder, with the same speckle level.", |probe| {
+            probe.dynamic_range_db = 40.0;
+            probe.speckle_level_db *= 40.0 / 60.0;
+        }),
     ]
 }
 
