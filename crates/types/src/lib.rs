@@ -25,7 +25,7 @@ pub use event::{Event, EventKind};
 pub use geometry::{ImageGeometry, View};
 pub use image::Image;
 pub use needle::{NeedlePath, NeedleSpec};
-pub use probe::{Effects, ElevationSample, ProbeSpec};
+pub use probe::{Effects, ElevationSample, Precision, ProbeSpec};
 pub use settings::{Optimisation, Profile, ServoSettings, Similarity, TrackerSettings, UpdateStrategy};
 pub use setup::{Limits, Setup};
 pub use slice::Slice;

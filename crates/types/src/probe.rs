@@ -11,6 +11,17 @@ pub struct ElevationSample {
     pub width_m: f64,
 }
 
+/// How closely a picture follows the sum over its scatterers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Precision {
+    /// Within 5 % RMS of the complex field.
+    #[default]
+    Usual,
+    /// Within 2 %, in two to three times the time.
+    Fine,
+}
+
 /// Which effects a picture has; all of them unless they are switched off, to see what each does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Effects {
@@ -81,6 +92,8 @@ pub struct ProbeSpec {
     pub geometry: ImageGeometry,
     /// What the picture is made of.
     pub effects: Effects,
+    /// How exact it is.
+    pub precision: Precision,
 }
 
 impl ProbeSpec {

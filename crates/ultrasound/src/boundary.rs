@@ -179,8 +179,8 @@ pub fn add_echoes(
             let sigma_m = [beam.sigma_lateral_m * beam.widening(x_m, z_m), beam.sigma_elevation_m(z_m)];
             let turns = [g_l * sigma_m[0], g_e * sigma_m[1]].map(|v| beam.two_k_rad_m * v);
             let fade = -0.5 * (turns[0] * turns[0] + turns[1] * turns[1]);
-            // Negated, so that what is no number is left out too.
-            if !(facet.level_np + fade > LEAST_NP) {
+            let seen_np = facet.level_np + fade;
+            if seen_np.is_nan() || seen_np < LEAST_NP {
                 continue;
             }
             let u = e_m / window_m;

@@ -3,13 +3,11 @@
 use rayon::prelude::*;
 
 use crate::{
-    beam::{Beam, ELEVATION_REACH, unit_energy_peak},
+    beam::{Beam, unit_energy_peak},
     fast::{exp_minus, floor},
     shear::Shear,
 };
 
-/// Width of a bin of e′. A fifteenth of the thinnest σ: at most 1.4 % of the field's rms, at the focus only.
-const BIN_M: f64 = 0.02e-3;
 /// Rows between two looks at whether a column is inside the slice; runs start and end at multiples of it.
 pub const STRIDE: usize = 8;
 /// Bins that one task fills.
@@ -42,6 +40,7 @@ struct Block {
 /// Weight w(e; z) of the slice for every column that crosses it, unit energy, made for one pose.
 #[derive(Default)]
 pub struct ElevationTable {
+    bin_m: f64,
     first_bin: i64,
     bins: usize,
     blocks: Vec<Block>,
@@ -62,6 +61,8 @@ impl ElevationTable {
             return;
         }
         self.made_for = made_for;
+        let bin_m = beam.grain.elevation_bin_m;
+        self.bin_m = bin_m;
         self.decay.clear();
         self.peak.clear();
         self.reach_m.clear();
@@ -73,15 +74,15 @@ impl ElevationTable {
             let sigma_m = beam.sigma_elevation_m(z_m);
             self.decay.push((0.5 / (sigma_m * sigma_m)) as f32);
             self.peak.push((scale * unit_energy_peak(sigma_m)) as f32);
-            let (reach_m, drift_m) = (ELEVATION_REACH * sigma_m, shear.elevation_slope * z_m);
+            let (reach_m, drift_m) = (beam.grain.elevation_reach * sigma_m, shear.elevation_slope * z_m);
             low = low.min(-reach_m - drift_m);
             high = high.max(reach_m - drift_m);
             widest_m = widest_m.max(reach_m);
             self.reach_m.push(reach_m as f32);
             self.drift_m.push(drift_m as f32);
         }
-        self.first_bin = (low / BIN_M).floor() as i64;
-        self.bins = ((high / BIN_M).ceil() as i64 - self.first_bin + 1) as usize;
+        self.first_bin = (low / bin_m).floor() as i64;
+        self.bins = ((high / bin_m).ceil() as i64 - self.first_bin + 1) as usize;
         self.blocks.resize_with(self.bins.div_ceil(BLOCK), Block::default);
         let (first_bin, bins) = (self.first_bin, self.bins);
         let profile =
@@ -89,7 +90,7 @@ impl ElevationTable {
         self.blocks.par_iter_mut().enumerate().for_each(|(index, block)| {
             block.clear();
             for bin in index * BLOCK..((index + 1) * BLOCK).min(bins) {
-                let e_m = (first_bin + bin as i64) as f64 * BIN_M;
+                let e_m = (first_bin + bin as i64) as f64 * bin_m;
                 block.push_bin(shear, e_m, widest_m, &profile);
             }
         });
@@ -97,12 +98,12 @@ impl ElevationTable {
 
     /// Range of e′ that meets the slice.
     pub fn range_m(&self) -> [f64; 2] {
-        [self.first_bin as f64 * BIN_M, (self.first_bin + self.bins as i64 - 1) as f64 * BIN_M]
+        [self.first_bin, self.first_bin + self.bins as i64 - 1].map(|bin| bin as f64 * self.bin_m)
     }
 
     /// Where the columns at `e_m` = e′ cross the slice; `None` when they miss it.
     pub fn crossing(&self, e_m: f64) -> Option<Crossing> {
-        let bin = floor(e_m * (1.0 / BIN_M) + 0.5) - self.first_bin;
+        let bin = floor(e_m / self.bin_m + 0.5) - self.first_bin;
         if bin < 0 || bin >= self.bins as i64 {
             return None;
         }

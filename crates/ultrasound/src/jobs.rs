@@ -6,7 +6,7 @@ use crate::{
     fast::floor,
     lattice::{Lattice, TAPE_LENGTH},
     shear::Shear,
-    tape::{BakedTape, SUB_DELAYS},
+    tape::BakedTape,
 };
 
 /// One column of the lattice that may cross the slice.
@@ -59,6 +59,7 @@ impl Jobs {
     ) {
         let [[ix_min, ix_max], [iy_min, iy_max]] = shear.columns;
         let elevations_m = elevation.range_m();
+        let sub_delays = tape.sub_delays as i64;
         let turn = |rows: f64| {
             let (sin, cos) = libm::sincos(-phase_per_row_rad * rows);
             [cos, sin]
@@ -83,10 +84,9 @@ impl Jobs {
                 if !(line >= 0.0 && line < (shear.lines - 1) as f64) {
                     continue;
                 }
-                let delays = floor(shear.top_row.at(ix, iy) * SUB_DELAYS as f64 + 0.5);
-                let half = SUB_DELAYS as i64 / 2;
-                let row_of_0 = (delays + half).div_euclid(SUB_DELAYS as i64);
-                let sub_delay = (delays + half).rem_euclid(SUB_DELAYS as i64) as usize;
+                let delays = floor(shear.top_row.at(ix, iy) * sub_delays as f64 + 0.5) + sub_delays / 2;
+                let row_of_0 = delays.div_euclid(sub_delays);
+                let sub_delay = delays.rem_euclid(sub_delays) as usize;
                 let offset = lattice.tape_offset(ix, iy);
                 let phase = product(
                     product(self.phase_x[(ix - ix_min) as usize], self.phase_y[(iy - iy_min) as usize]),

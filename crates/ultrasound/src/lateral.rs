@@ -7,7 +7,7 @@ use crate::{
 };
 
 /// Columns that share one beam width: few, as the width changes quickly at the array's ends.
-const BLOCK: usize = 8;
+const BLOCK: usize = 4;
 /// Fractions of a line at which taps are kept.
 const PHASES: usize = 64;
 /// Beam widths kept per unit of widening.
@@ -32,17 +32,21 @@ pub struct LateralFilters {
     filters: Vec<Filter>,
     /// Reach of the widest filter, in lines.
     pub radius: usize,
+    /// Lines per column of the picture.
+    per_px: usize,
 }
 
 impl LateralFilters {
     /// `half_width_m` and `deepest_m` bound the picture, where the beam is widest.
-    pub fn new(beam: &Beam, line_pitch_m: f64, half_width_m: f64, deepest_m: f64) -> Self {
+    pub fn new(beam: &Beam, spacing_m: f64, half_width_m: f64, deepest_m: f64) -> Self {
+        let per_px = beam.grain.lines_per_px;
+        let line_pitch_m = spacing_m / per_px as f64;
         let widest = beam.most_widening(half_width_m, deepest_m) * Paths::most_stretch();
         let filters: Vec<Filter> = (0..=((widest - 1.0) * WIDTHS).ceil() as usize)
             .map(|i| filter(beam.sigma_lateral_m * (1.0 + i as f64 / WIDTHS), line_pitch_m))
             .collect();
         let radius = filters.iter().map(|f| f.radius).max().unwrap_or(0);
-        Self { filters, radius }
+        Self { filters, radius, per_px }
     }
 
     fn index(&self, widening: f64) -> usize {
@@ -73,15 +77,18 @@ impl LateralFilters {
             let filter = &self.filters[usize::from(index)];
             let taps = &filter.taps[phase * 2 * filter.radius..][..2 * filter.radius];
             let column = block * BLOCK;
-            let source = source.map(|part| &part[column + self.radius - filter.radius..]);
+            let source = source.map(|part| &part[self.per_px * column + self.radius - filter.radius..]);
+            let out = [&mut out_re[column..], &mut out_im[column..]];
             // Neighbours of equal width go together; sums per column are the same.
-            if filter_of_block.get(block + 1) == Some(&index) {
-                convolve::<{ 2 * BLOCK }>(source, taps, &mut out_re[column..], &mut out_im[column..]);
-                block += 2;
-            } else {
-                convolve::<BLOCK>(source, taps, &mut out_re[column..], &mut out_im[column..]);
-                block += 1;
-            }
+            let same = filter_of_block[block..].iter().take(4).take_while(|&&i| i == index).count();
+            block += match (same, self.per_px) {
+                (4, 1) => convolve::<{ 4 * BLOCK }, 1>(source, taps, out),
+                (2.., 1) => convolve::<{ 2 * BLOCK }, 1>(source, taps, out),
+                (_, 1) => convolve::<BLOCK, 1>(source, taps, out),
+                (4, _) => convolve::<{ 4 * BLOCK }, 2>(source, taps, out),
+                (2.., _) => convolve::<{ 2 * BLOCK }, 2>(source, taps, out),
+                _ => convolve::<BLOCK, 2>(source, taps, out),
+            };
         }
     }
 }
@@ -97,21 +104,27 @@ pub struct BeamFilters<'a> {
     pub rows: usize,
 }
 
-/// `out[j] = Σ_t taps[t]·source[j + t]` for N columns of both parts.
+/// `out[j] = Σ_t taps[t]·source[S·j + t]` for N columns of both parts, S lines apart. Returns how many blocks that is.
 #[inline(always)]
-fn convolve<const N: usize>([re, im]: [&[f32]; 2], taps: &[f32], out_re: &mut [f32], out_im: &mut [f32]) {
+fn convolve<const N: usize, const S: usize>(
+    [re, im]: [&[f32]; 2],
+    taps: &[f32],
+    [out_re, out_im]: [&mut [f32]; 2],
+) -> usize {
     let (mut sum_re, mut sum_im) = ([0.0f32; N], [0.0f32; N]);
-    let span = N + taps.len() - 1;
-    for ((re, im), &tap) in re[..span].windows(N).zip(im[..span].windows(N)).zip(taps) {
-        for (s, &v) in sum_re.iter_mut().zip(re) {
-            *s += tap * v;
+    let span = S * (N - 1) + taps.len();
+    let width = S * (N - 1) + 1;
+    for ((re, im), &tap) in re[..span].windows(width).zip(im[..span].windows(width)).zip(taps) {
+        for (j, s) in sum_re.iter_mut().enumerate() {
+            *s += tap * re[S * j];
         }
-        for (s, &v) in sum_im.iter_mut().zip(im) {
-            *s += tap * v;
+        for (j, s) in sum_im.iter_mut().enumerate() {
+            *s += tap * im[S * j];
         }
     }
     out_re[..N].copy_from_slice(&sum_re);
     out_im[..N].copy_from_slice(&sum_im);
+    N / BLOCK
 }
 
 fn filter(sigma_m: f64, line_pitch_m: f64) -> Filter {
@@ -150,7 +163,7 @@ fn filter(sigma_m: f64, line_pitch_m: f64) -> Filter {
 /// Where display columns lie on the working grid.
 #[derive(Debug, Clone, Copy)]
 pub struct LineMap {
-    /// Line index of column 0 at row 0, and its change per row; columns are one line apart.
+    /// Line index of column 0 at row 0, and its change per row.
     pub at_row_0: f64,
     pub per_row: f64,
     pub row_step_m: f64,
@@ -198,7 +211,7 @@ impl LateralScratch {
         let first = (whole as i64 - radius as i64 + 1 - self.first_line) as usize;
         let lines = self.rows.len() / (2 * CHUNK);
         let (re, im) = self.rows[(row - first_row) * 2 * lines..][..2 * lines].split_at(lines);
-        let span = columns + 2 * radius;
+        let span = filters.lateral.per_px * columns + 2 * radius;
         let source = [&re[first..][..span], &im[first..][..span]];
         filters.lateral.apply(source, line - whole, &self.blocks, out);
     }
@@ -209,7 +222,7 @@ impl LateralScratch {
         let first_row = row / CHUNK * CHUNK;
         let ends = [first_row, first_row + CHUNK - 1].map(|row| map.line_at(row).floor() as i64);
         let first = ends[0].min(ends[1]) - lateral.radius as i64 + 1;
-        let end = ends[0].max(ends[1]) + (columns + lateral.radius) as i64 + 1;
+        let end = ends[0].max(ends[1]) + (lateral.per_px * columns + lateral.radius) as i64 + 1;
         let band = BAND as i64;
         let first_band = first.div_euclid(band);
         let bands = (end - first_band * band + band - 1).div_euclid(band);

@@ -28,17 +28,32 @@
 //! | `elevation` | weights by elevation and row |
 //! | `jobs`, `splat` | which stretch of tape goes where; adding it |
 //! | `lateral`, `axial` | dual beam filter per row; pulse onto the display rows |
-//! | `needle`, `stamp` | echoes of the steel; their exact point spread added to the field |
-//! | `gain` | attenuation along the plane, contact |
+//! | `needle` | echoes of the steel: shaft, tip, their repeats and side lobes |
+//! | `boundary` | mirrors where materials meet |
+//! | `echo`, `stamp` | points that echo; their exact point spread added to the field |
+//! | `march`, `paths` | loss and delay along the aperture's directions; maps of both, and of frequency |
+//! | `contact`, `occlusion` | blind elements; steel in the way |
 //! | `display` | noise, compensation, logarithm, grey levels |
+//! | `fast` | exponential, logarithm, rounding |
 //! | [`reference`](mod@reference) | the same field by direct summation, slow, for tests |
+//!
+//! # What sound meets
+//!
+//! A place is seen through a cone of depth over F#, cut into a few directions. Transmission and delay are marched down
+//! along each; their mean over the aperture gives two-way amplitude (so shadows have a penumbra and fill with depth),
+//! the depth at which an echo is drawn by the assumed sound speed, and the fall of the centre frequency, which
+//! widens the beam laterally and spares the pulse some loss. Surfaces between materials reflect as mirrors, by
+//! impedance and angle, and weakly as rough ones. Every effect can be switched off:
+//! [`Effects`](sonoloop_types::Effects).
 //!
 //! # Left out
 //!
-//! Tissue is rigid: it does not deform under probe or needle. The picture uses the assumed sound speed
-//! throughout, so materials neither refract nor stretch depth. The centre frequency does not fall with depth.
-//! The needle throws no shadow. Blind elements dim the lines but do not widen the beam. Tissue is not drawn
-//! for a probe tilted by more than 60° out of the phantom's vertical.
+//! Tissue is rigid: it does not deform under probe or needle. Paths are straight: nothing refracts, and the beam keeps
+//! its focus behind other sound speeds. The slice's thickness does not grow as the frequency falls. Delays are bounded by
+//! 2.5 mm, and lines that differ by more than 3 mm lose part of their pulse: under air and metal there is shadow anyway.
+//! The map of shadows blurs their edges, by a millimetre 20 mm farther down. Only the tip has side lobes. Blind elements
+//! dim the lines but do not widen the beam. Tissue is not drawn for a probe tilted by more than 60° out of the
+//! phantom's vertical.
 
 mod axial;
 mod beam;

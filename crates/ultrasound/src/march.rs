@@ -105,10 +105,10 @@ impl March {
     /// Adds one direction to the sums.
     pub fn sum(&mut self, direction: usize) {
         let delay_m = &self.delay_m[direction * self.across..][..self.across];
-        for i in 0..self.across {
+        for (i, &delay_m) in delay_m.iter().enumerate() {
             self.total[i] += self.share[i];
             self.amplitude[i] += self.part[i];
-            self.mean_delay_m[i] += self.share[i] * delay_m[i];
+            self.mean_delay_m[i] += self.share[i] * delay_m;
         }
     }
 

@@ -246,7 +246,8 @@ impl Renderer {
         let Frame { geometry, first_x_m, .. } = self.frame;
         let spacing_m = geometry.spacing_m;
         let rows = self.frame.rows();
-        let margin_m = (self.lateral.radius + 2) as f64 * spacing_m;
+        let line_pitch_m = spacing_m / self.beam.grain.lines_per_px as f64;
+        let margin_m = (self.lateral.radius + 2) as f64 * line_pitch_m;
         let shear = Shear::new(
             &slice.phantom_from_probe,
             &self.beam,
@@ -292,8 +293,8 @@ impl Renderer {
         let sources = Sources { tape: &self.tape, elevation: &self.elevation, columns: &self.columns };
         self.grid.fill(shear, &self.jobs, sources);
         let map = LineMap {
-            at_row_0: (first_x_m - shear.first_line_m) / spacing_m,
-            per_row: -shear.lateral_slope * shear.row_step_m / spacing_m,
+            at_row_0: (first_x_m - shear.first_line_m) / line_pitch_m,
+            per_row: -shear.lateral_slope * shear.row_step_m / line_pitch_m,
             row_step_m: shear.row_step_m,
             first_x_m,
             pitch_m: spacing_m,

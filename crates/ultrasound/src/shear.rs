@@ -89,7 +89,7 @@ impl Shear {
             + PROFILE_REACH * beam.sigma_axial_m;
         let rows = ((deepest_m / row_step_m) as usize + 1).next_multiple_of(STRIDE);
         let reach_m = half_width_m + lateral_margin_m;
-        let line_pitch_m = geometry.spacing_m;
+        let line_pitch_m = geometry.spacing_m / beam.grain.lines_per_px as f64;
         let first_line_m = -reach_m - (t * deepest_m).max(0.0) - line_pitch_m;
         let last_line_m = reach_m - (t * deepest_m).min(0.0) + line_pitch_m;
 
@@ -104,7 +104,7 @@ impl Shear {
         };
 
         let [_, thickest_m] = beam.sigma_elevation_range_m();
-        let elevation_m = crate::beam::ELEVATION_REACH * thickest_m;
+        let elevation_m = beam.grain.elevation_reach * thickest_m;
         let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         for corner in 0..8u8 {
             let sign = |bit: u8| if corner & bit == 0 { -1.0 } else { 1.0 };

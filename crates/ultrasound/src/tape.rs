@@ -6,8 +6,6 @@ use rayon::prelude::*;
 
 use crate::{beam::Beam, lattice::TAPE_LENGTH};
 
-/// Delays per row step at which the tape is kept.
-pub const SUB_DELAYS: usize = 24;
 /// Taps of a delay filter, centred.
 const TAPS: usize = 9;
 const REACH: usize = TAPS / 2;
@@ -29,7 +27,7 @@ pub fn gaussian_tape(seed: u64, stream: u64, length: usize) -> Vec<[f32; 2]> {
         .collect()
 }
 
-/// The tape times its carrier exp(−i·2k·q·step), delayed by each multiple of 1/[`SUB_DELAYS`] row.
+/// The tape times its carrier exp(−i·2k·q·step), delayed by each multiple of 1/`sub_delays` row.
 ///
 /// The carrier is put in before the delay filters because they are low-pass around it. It depends on the tilt
 /// (a row step is the lattice step times the cosine), so the tape is baked again when the cosine changes.
@@ -41,10 +39,12 @@ pub struct BakedTape {
     carrier: Vec<[f64; 2]>,
     /// The raw tape times its carrier, `REACH` samples longer at both ends.
     modulated: [Vec<f32>; 2],
-    /// `SUB_DELAYS` stretches of `stride` samples, each packed by [`pack`].
+    /// `sub_delays` stretches of `stride` samples, each packed by [`pack`].
     pub samples: Vec<u32>,
     /// Samples from one delay to the next.
     pub stride: usize,
+    /// Delays per row step.
+    pub sub_delays: usize,
 }
 
 impl BakedTape {
@@ -57,6 +57,7 @@ impl BakedTape {
             modulated: [Vec::new(), Vec::new()],
             samples: Vec::new(),
             stride: 0,
+            sub_delays: 0,
         }
     }
 
@@ -79,7 +80,8 @@ impl BakedTape {
         (self.row_step_m, self.lateral_slope, self.stride) = (row_step_m, lateral_slope, stride);
         self.modulate(beam.two_k_rad_m * row_step_m);
         let filters = delay_filters(beam, row_step_m, lateral_slope);
-        self.samples.resize(SUB_DELAYS * stride, 0);
+        self.sub_delays = filters.len();
+        self.samples.resize(filters.len() * stride, 0);
         let modulated = &self.modulated;
         self.samples
             .par_chunks_mut(stride)
@@ -152,7 +154,7 @@ pub fn unpack(sample: u32) -> [f32; 2] {
 
 /// Least-squares delay filters: K_s minimises ∬|PSF(shifted by s/S rows) − Σ_m K_s[m]·PSF(shifted by m)|²,
 /// the shifts running along the sheared line, where the point spread is a Gaussian of
-/// 1/σ² = 1/σ_z² + slope²/σ_l². Sub-delay s stands for the fraction s/S − ½.
+/// 1/σ² = 1/σ_z² + slope²/σ_l². Sub-delay s of S stands for the fraction s/S − ½.
 fn delay_filters(beam: &Beam, row_step_m: f64, lateral_slope: f64) -> Vec<[f32; TAPS]> {
     let [z, l] = [1.0 / beam.sigma_axial_m, lateral_slope / beam.sigma_lateral_m];
     // Overlap of two Gaussians of σ at distance d is exp(−d²/4σ²).
@@ -163,9 +165,10 @@ fn delay_filters(beam: &Beam, row_step_m: f64, lateral_slope: f64) -> Vec<[f32; 
         core::array::from_fn(|b| overlap(a as f64 - b as f64) + if a == b { 1e-6 } else { 0.0 })
     });
     let lower = cholesky(&gram);
-    (0..SUB_DELAYS)
+    let sub_delays = beam.grain.sub_delays;
+    (0..sub_delays)
         .map(|s| {
-            let fraction = s as f64 / SUB_DELAYS as f64 - 0.5;
+            let fraction = s as f64 / sub_delays as f64 - 0.5;
             let wanted = core::array::from_fn(|m| overlap(m as f64 - REACH as f64 - fraction));
             let taps = solve(&lower, wanted);
             core::array::from_fn(|m| taps[m] as f32)

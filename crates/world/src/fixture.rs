@@ -7,8 +7,8 @@ use sonoloop_scenario::{
     PlacementSpec, Scenario,
 };
 use sonoloop_types::{
-    Acoustics, Effects, ElevationSample, ImageGeometry, Limits, NeedleSpec, Point, Pose, ProbeSpec, Profile,
-    ServoSettings, TrackerSettings, Vector, View,
+    Acoustics, Effects, ElevationSample, ImageGeometry, Limits, NeedleSpec, Point, Pose, Precision,
+    ProbeSpec, Profile, ServoSettings, TrackerSettings, Vector, View,
 };
 
 /// KR 6 R900 sixx, figures of ROS-Industrial's public `kuka_kr6_support`; rough collision bodies.
@@ -94,6 +94,7 @@ pub fn probe() -> ProbeSpec {
         noise_level_db: -40.0,
         geometry: ImageGeometry::default(),
         effects: Effects::default(),
+        precision: Precision::default(),
     }
 }
 

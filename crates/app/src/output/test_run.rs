@@ -6,7 +6,7 @@ use sonoloop_scenario::{
 };
 use sonoloop_types::{
     Effects, ElevationSample, Event, EventKind, Image, ImageGeometry, Limits, NeedleSpec, Point, Pose,
-    ProbeSpec, Profile, ServoSettings, TrackState, TrackerSettings, Vector, View,
+    Precision, ProbeSpec, Profile, ServoSettings, TrackState, TrackerSettings, Vector, View,
 };
 
 use crate::judge::test_recording::{image_row, recording, tick_row};
@@ -132,6 +132,7 @@ fn probe(geometry: ImageGeometry) -> ProbeSpec {
         noise_level_db: -40.0,
         geometry,
         effects: Effects::default(),
+        precision: Precision::default(),
     }
 }
 

@@ -1,9 +1,9 @@
-use sonoloop_types::{Effects, ElevationSample, ImageGeometry, NeedleSpec, ProbeSpec};
+use sonoloop_types::{Effects, ElevationSample, ImageGeometry, NeedleSpec, Precision, ProbeSpec};
 
 use super::units::{m, rad};
 use crate::LoadError;
 use crate::document::Document;
-use crate::raw::{RawNeedle, RawProbe};
+use crate::raw::{RawNeedle, RawPrecision, RawProbe};
 
 /// The probe and its scanner.
 pub(crate) fn probe(document: &Document) -> Result<ProbeSpec, LoadError> {
@@ -58,6 +58,10 @@ pub(crate) fn probe(document: &Document) -> Result<ProbeSpec, LoadError> {
             reverberation: raw.effects.reverberation,
             needle_shadow: raw.effects.needle_shadow,
             side_lobes: raw.effects.side_lobes,
+        },
+        precision: match raw.precision {
+            RawPrecision::Usual => Precision::Usual,
+            RawPrecision::Fine => Precision::Fine,
         },
     })
 }

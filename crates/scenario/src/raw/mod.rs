@@ -13,7 +13,7 @@ mod timeline;
 
 pub(crate) use needle::RawNeedle;
 pub(crate) use phantom::{RawInclusion, RawMaterial, RawMaterials, RawPhantom};
-pub(crate) use probe::RawProbe;
+pub(crate) use probe::{RawPrecision, RawProbe};
 pub(crate) use robot::{RawNeedleRobot, RawOpw, RawPose, RawRobot};
 pub(crate) use scenario::{RawCalibration, RawDelays, RawInsertion, RawPlacement, RawScenario, RawView};
 pub(crate) use settings::{RawLimits, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate};

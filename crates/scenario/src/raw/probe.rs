@@ -61,10 +61,24 @@ pub(crate) struct RawProbe {
     /// Effects to switch off, to see what each does.
     #[serde(default)]
     pub effects: RawEffects,
+    /// How closely the picture follows the sum over its scatterers: within 5 %, or within 2 % in more time.
+    #[serde(default)]
+    pub precision: RawPrecision,
 }
 
 fn default_depth_mm() -> f64 {
     48.0
+}
+
+/// How exact a picture is.
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawPrecision {
+    /// Within 5 % RMS of the complex field.
+    #[default]
+    Usual,
+    /// Within 2 %.
+    Fine,
 }
 
 /// Which effects a picture has; all of them by default.

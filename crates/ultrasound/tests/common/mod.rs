@@ -3,8 +3,8 @@
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use sonoloop_types::{
-    Acoustics, Effects, ElevationSample, ImageGeometry, NeedlePath, NeedleSpec, Point, Pose, ProbeSpec,
-    Slice, Tissue, Vector,
+    Acoustics, Effects, ElevationSample, ImageGeometry, NeedlePath, NeedleSpec, Point, Pose, Precision,
+    ProbeSpec, Slice, Tissue, Vector,
 };
 
 /// A probe like an L12-3v, two-way widths of a 5 mm element height focused at 18 mm.
@@ -35,6 +35,7 @@ pub fn probe() -> ProbeSpec {
         noise_level_db: -52.0,
         geometry: ImageGeometry::default(),
         effects: Effects::default(),
+        precision: Precision::default(),
     }
 }
 
