@@ -132,6 +132,9 @@ impl Beam {
     /// ends, so lines near its edge, and deep ones, have less than they want.
     pub fn widening(&self, x_m: f64, depth_m: f64) -> f64 {
         let (wanted, half) = (self.wanted_aperture_m(depth_m), self.half_aperture_m);
+        if x_m.abs() + wanted / 2.0 <= half {
+            return self.defocus(depth_m);
+        }
         let available = (x_m + wanted / 2.0).min(half) - (x_m - wanted / 2.0).max(-half);
         let cut = if available * MAX_WIDENING <= wanted { MAX_WIDENING } else { wanted / available };
         cut * self.defocus(depth_m)

@@ -7,7 +7,7 @@ use crate::{
 };
 
 /// Columns that share one beam width: few, as the width changes quickly at the array's ends.
-const BLOCK: usize = 4;
+const BLOCK: usize = crate::paths::ACROSS;
 /// Fractions of a line at which taps are kept.
 const PHASES: usize = 64;
 /// Beam widths kept per unit of widening.
@@ -55,9 +55,10 @@ impl LateralFilters {
 
     /// Which filter each block of columns takes at a depth.
     fn select(&self, beam: &Beam, paths: &Paths, map: &LineMap, depth_m: f64, blocks: &mut [u16]) {
-        for (b, index) in blocks.iter_mut().enumerate() {
+        let stretches = paths.stretches_at(depth_m).chain(core::iter::repeat(1.0));
+        for ((b, index), stretch) in blocks.iter_mut().enumerate().zip(stretches) {
             let x_m = map.first_x_m + (b * BLOCK + BLOCK / 2) as f64 * map.pitch_m;
-            *index = self.index(beam.widening(x_m, depth_m) * paths.stretch(x_m, depth_m)) as u16;
+            *index = self.index(beam.widening(x_m, depth_m) * f64::from(stretch)) as u16;
         }
     }
 
@@ -115,11 +116,11 @@ fn convolve<const N: usize, const S: usize>(
     let span = S * (N - 1) + taps.len();
     let width = S * (N - 1) + 1;
     for ((re, im), &tap) in re[..span].windows(width).zip(im[..span].windows(width)).zip(taps) {
-        for (j, s) in sum_re.iter_mut().enumerate() {
-            *s += tap * re[S * j];
+        for (s, &v) in sum_re.iter_mut().zip(re.iter().step_by(S)) {
+            *s += tap * v;
         }
-        for (j, s) in sum_im.iter_mut().enumerate() {
-            *s += tap * im[S * j];
+        for (s, &v) in sum_im.iter_mut().zip(im.iter().step_by(S)) {
+            *s += tap * v;
         }
     }
     out_re[..N].copy_from_slice(&sum_re);

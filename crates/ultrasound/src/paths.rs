@@ -278,6 +278,13 @@ impl Paths {
         if self.spread == 0.0 { 1.0 } else { self.at(&self.stretch, x_m, z_m) }
     }
 
+    /// The same in the middle between neighbouring knots across, at the row of knots next to a depth.
+    pub fn stretches_at(&self, z_m: f64) -> impl Iterator<Item = f32> {
+        let across = self.plane.knots_across();
+        let row = ((z_m / self.plane.step_m() + 0.5) as usize).min(self.plane.knots_down() - 1);
+        self.stretch[row * across..][..across].windows(2).map(|knots| (knots[0] + knots[1]) / 2.0)
+    }
+
     /// The largest [`Self::stretch`] that can be.
     pub fn most_stretch() -> f64 {
         1.0 / MIN_FREQUENCY_SHARE
