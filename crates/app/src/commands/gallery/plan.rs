@@ -103,14 +103,15 @@ pub fn sections(phantoms: &[PhantomFile], main: &str) -> Vec<Section> {
         Section {
             title: "Needle in the plane, by angle",
             note: "Tip 25 mm deep in the middle. A flat shaft sends its echo back to the probe and repeats below \
-                   itself; an oblique one sends it away, and roughness and tip are all that is left.",
+                   itself; an oblique one sends it away, and roughness and tip are all that is left. The shadow fills \
+                   with depth, where the aperture looks past the shaft.",
             pictures: angles()
                 .map(|(name, caption, angle)| of_main(name, caption, with(lateral(angle))))
                 .into(),
         },
         Section {
             title: "Needle across the plane",
-            note: "A needle at 30° crosses the picture from behind: a spot, whether it is the tip or the shaft.",
+            note: "A needle at 30° crosses the picture from behind: a spot, whether it is the tip or the shaft, and a shadow.",
             pictures: transverse().map(|(name, caption, needle)| of_main(name, caption, with(needle))).into(),
         },
         Section {
@@ -175,7 +176,7 @@ fn angles() -> [(&'static str, String, f64); 6] {
     ]
 }
 
-fn transverse() -> [(&'static str, String, NeedleView); 3] {
+fn transverse() -> [(&'static str, String, NeedleView); 4] {
     let needle =
         |offset_mm: f64| NeedleView { transverse: true, offset_m: offset_mm * 1e-3, ..lateral(30.0) };
     [
@@ -185,6 +186,12 @@ fn transverse() -> [(&'static str, String, NeedleView); 3] {
             "transverse_shaft",
             "The tip 8 mm past the plane: the spot is the shaft, and fainter.".into(),
             needle(8.0),
+        ),
+        (
+            "transverse_flat",
+            "A needle that lies flat, its tip 8 mm past the plane: a short bright arc, its repeats run together below it."
+                .into(),
+            NeedleView { angle_rad: 0.0, ..needle(8.0) },
         ),
     ]
 }
