@@ -31,6 +31,8 @@ pub struct Grain {
     /// Elevation profiles are cut at this many σ. At 2.5 the amplitude is 4 %, and 4e-4 of the energy is beyond; at 3.3
     /// 0.4 % and 3e-6.
     pub elevation_reach: f64,
+    /// Lateral filters are cut at this many σ. At 2.75 the amplitude is 2 %, at 3.25 0.5 %.
+    pub lateral_reach: f64,
     /// Width of a bin of e′. A fifteenth of the thinnest σ is at most 1.4 % of the field's rms, at the focus only.
     pub elevation_bin_m: f64,
     /// Delays per row step at which the tape is kept.
@@ -42,12 +44,20 @@ pub struct Grain {
 impl Grain {
     fn new(precision: Precision) -> Self {
         match precision {
-            Precision::Usual => {
-                Self { elevation_reach: 2.5, elevation_bin_m: 0.02e-3, sub_delays: 24, lines_per_px: 1 }
-            }
-            Precision::Fine => {
-                Self { elevation_reach: 3.3, elevation_bin_m: 0.01e-3, sub_delays: 64, lines_per_px: 2 }
-            }
+            Precision::Usual => Self {
+                elevation_reach: 2.5,
+                lateral_reach: 2.75,
+                elevation_bin_m: 0.02e-3,
+                sub_delays: 24,
+                lines_per_px: 1,
+            },
+            Precision::Fine => Self {
+                elevation_reach: 3.3,
+                lateral_reach: 3.25,
+                elevation_bin_m: 0.01e-3,
+                sub_delays: 64,
+                lines_per_px: 2,
+            },
         }
     }
 }

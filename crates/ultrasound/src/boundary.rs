@@ -11,6 +11,7 @@ use crate::{
     beam::{Beam, NEPER_PER_DB, amplitude_from_db},
     columns::Columns,
     echo::Echo,
+    fast::exp_minus,
     lattice::Lattice,
     shear::Shear,
 };
@@ -184,7 +185,7 @@ pub fn add_echoes(
                 continue;
             }
             let u = e_m / window_m;
-            let across = libm::exp(-0.5 * u * u - 0.5 * turns[1] * turns[1]);
+            let across = f64::from(exp_minus((0.5 * (u * u + turns[1] * turns[1])) as f32));
             let mut amplitude = level * facet.reflection * across / sigma_m[0];
             let z_m = z_m - g_e * e_m;
             let bounces = if reverberates && facet.ratio > 0.0 { REVERBERATIONS } else { 0 };

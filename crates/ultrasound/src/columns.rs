@@ -142,9 +142,12 @@ impl Columns {
         &self.stretches[range.first as usize..][..range.count as usize]
     }
 
-    /// One past the deepest scatterer of a column; 0 where there is none.
-    pub fn end(&self, range: Range) -> i32 {
-        self.stretches(range).last().map_or(0, |stretch| stretch.end)
+    /// Those of a column's stretches that scatterers `from..to` lie in.
+    pub fn between(&self, range: Range, from: i32, to: i32) -> (Range, &[Stretch]) {
+        let all = self.stretches(range);
+        let first = all.iter().take_while(|stretch| stretch.end <= from).count();
+        let count = all[first..].iter().take_while(|stretch| stretch.start < to).count();
+        (Range { first: range.first + first as u32, count: count as u32 }, &all[first..first + count])
     }
 
     /// Where the stretches of a column are kept; an empty range outside the phantom.

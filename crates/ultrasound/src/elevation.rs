@@ -101,16 +101,19 @@ impl ElevationTable {
         [self.first_bin, self.first_bin + self.bins as i64 - 1].map(|bin| bin as f64 * self.bin_m)
     }
 
-    /// Where the columns at `e_m` = e′ cross the slice; `None` when they miss it.
-    pub fn crossing(&self, e_m: f64) -> Option<Crossing> {
+    /// Where the columns at `e_m` = e′ cross the slice, and the first and one past the last row of that; `None` when
+    /// they miss it.
+    pub fn crossing(&self, e_m: f64) -> Option<(Crossing, [usize; 2])> {
         let bin = floor(e_m / self.bin_m + 0.5) - self.first_bin;
         if bin < 0 || bin >= self.bins as i64 {
             return None;
         }
         let (block, bin) = (bin as usize / BLOCK, bin as usize % BLOCK);
-        let starts = &self.blocks[block].starts;
+        let Block { runs, starts, .. } = &self.blocks[block];
         let (first, end) = (starts[bin], starts[bin + 1]);
-        (first < end).then_some(Crossing { block: block as u32, first, end })
+        let runs = &runs[first as usize..end as usize];
+        let rows = [runs.first()?.lo as usize, runs.last()?.hi as usize];
+        Some((Crossing { block: block as u32, first, end }, rows))
     }
 
     /// The runs of a crossing, and the weights they refer to.

@@ -12,8 +12,6 @@ const BLOCK: usize = crate::paths::ACROSS;
 const PHASES: usize = 64;
 /// Beam widths kept per unit of widening.
 const WIDTHS: f64 = 32.0;
-/// Taps reach at least this many σ (amplitude 0.5 %).
-const REACH: f64 = 3.25;
 /// Terms of the dual's series on each side: 0.268^12 is 1e-7.
 const DUAL_TERMS: i32 = 12;
 
@@ -43,7 +41,13 @@ impl LateralFilters {
         let line_pitch_m = spacing_m / per_px as f64;
         let widest = beam.most_widening(half_width_m, deepest_m) * Paths::most_stretch();
         let filters: Vec<Filter> = (0..=((widest - 1.0) * WIDTHS).ceil() as usize)
-            .map(|i| filter(beam.sigma_lateral_m * (1.0 + i as f64 / WIDTHS), line_pitch_m))
+            .map(|i| {
+                filter(
+                    beam.sigma_lateral_m * (1.0 + i as f64 / WIDTHS),
+                    line_pitch_m,
+                    beam.grain.lateral_reach,
+                )
+            })
             .collect();
         let radius = filters.iter().map(|f| f.radius).max().unwrap_or(0);
         Self { filters, radius, per_px }
@@ -128,9 +132,10 @@ fn convolve<const N: usize, const S: usize>(
     N / BLOCK
 }
 
-fn filter(sigma_m: f64, line_pitch_m: f64) -> Filter {
+/// Taps reach at least `least_reach` σ.
+fn filter(sigma_m: f64, line_pitch_m: f64, least_reach: f64) -> Filter {
     let sigma = sigma_m / line_pitch_m;
-    let radius = (REACH * sigma).ceil() as usize;
+    let radius = (least_reach * sigma).ceil() as usize;
     // ∬ of a Gaussian of unit area; its second difference is the Gaussian convolved with the triangle.
     let twice_integrated = |y: f64| {
         let u = y / sigma;

@@ -26,6 +26,9 @@ struct Cover {
     high_m: f32,
 }
 
+/// Covers nothing, and adds nothing to another's range.
+const NO_COVER: Cover = Cover { depth_m: 0.0, low_m: f32::MAX, high_m: f32::MIN };
+
 /// Steel that begins to shade at a row of knots.
 struct Shade {
     row: usize,
@@ -40,8 +43,8 @@ pub struct Occlusion {
     shades: Vec<Shade>,
     next: usize,
     /// By direction and knot.
-    covers: Vec<Option<Cover>>,
-    before: Vec<Option<Cover>>,
+    covers: Vec<Cover>,
+    before: Vec<Cover>,
 }
 
 impl Occlusion {
@@ -72,7 +75,7 @@ impl Occlusion {
         }
         self.shades.sort_by_key(|shade| shade.row);
         if self.any() {
-            self.covers.resize(DIRECTIONS * plane.knots_across(), None);
+            self.covers.resize(DIRECTIONS * plane.knots_across(), NO_COVER);
         }
     }
 
@@ -149,12 +152,9 @@ impl Occlusion {
         while let Some(shade) = self.shades.get(self.next).filter(|shade| shade.row <= row) {
             for direction in 0..DIRECTIONS {
                 for cover in &mut self.covers[direction * across..][shade.knots[0]..shade.knots[1]] {
-                    let new = shade.cover;
-                    *cover = Some(cover.map_or(new, |old| Cover {
-                        depth_m: new.depth_m,
-                        low_m: new.low_m.min(old.low_m),
-                        high_m: new.high_m.max(old.high_m),
-                    }));
+                    let Cover { depth_m, low_m, high_m } = shade.cover;
+                    *cover =
+                        Cover { depth_m, low_m: low_m.min(cover.low_m), high_m: high_m.max(cover.high_m) };
                 }
             }
             self.next += 1;
@@ -165,13 +165,16 @@ impl Occlusion {
     pub fn shade(&self, direction: usize, beam: &Beam, depth_m: f64, part: &mut [f32]) {
         // One way the beam is √2 thicker than both ways together.
         let thickness_m = (core::f64::consts::SQRT_2 * beam.thickness_m(depth_m)) as f32;
+        let (height_m, per_depth) = (self.element_height_m as f32, (1.0 / depth_m) as f32);
         let covers = &self.covers[direction * part.len()..][..part.len()];
         for (part, cover) in part.iter_mut().zip(covers) {
-            let Some(cover) = cover else { continue };
-            let cone_m = self.element_height_m as f32 * (1.0 - cover.depth_m / depth_m as f32);
-            let half_m = cone_m.max(thickness_m) / 2.0;
-            let covered_m = (cover.high_m.min(half_m) - cover.low_m.max(-half_m)).max(0.0);
-            *part *= 1.0 - OPACITY * covered_m / (2.0 * half_m);
+            let cone_m = height_m * (1.0 - cover.depth_m * per_depth);
+            let width_m = if cone_m > thickness_m { cone_m } else { thickness_m };
+            let (half_m, low_m) =
+                (0.5 * width_m, if cover.low_m > -0.5 * width_m { cover.low_m } else { -0.5 * width_m });
+            let high_m = if cover.high_m < half_m { cover.high_m } else { half_m };
+            let covered_m = if high_m > low_m { high_m - low_m } else { 0.0 };
+            *part *= 1.0 - OPACITY * covered_m / width_m;
         }
     }
 }

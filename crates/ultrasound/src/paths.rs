@@ -100,16 +100,8 @@ impl Paths {
         }
     }
 
-    /// Fills the maps for one pose, needle and contact. `needle_diameter_m` is the shaft's.
-    pub fn build(
-        &mut self,
-        beam: &Beam,
-        lattice: &Lattice,
-        tissue: &mut Columns,
-        slice: &Slice,
-        needle_diameter_m: f64,
-    ) {
-        self.sample(lattice, tissue, &slice.phantom_from_probe);
+    /// Fills the maps for one needle and contact, after [`Self::sample`]. `needle_diameter_m` is the shaft's.
+    pub fn build(&mut self, beam: &Beam, slice: &Slice, needle_diameter_m: f64) {
         self.contact.set(&slice.element_gap_m, &self.plane, beam);
         self.occlusion.trace(slice, needle_diameter_m, &self.plane);
         let across = self.plane.knots_across();
@@ -125,7 +117,7 @@ impl Paths {
     }
 
     /// Loss and delay of every step, read off the tissue's columns.
-    fn sample(&mut self, lattice: &Lattice, tissue: &mut Columns, phantom_from_probe: &Pose) {
+    pub fn sample(&mut self, lattice: &Lattice, tissue: &mut Columns, phantom_from_probe: &Pose) {
         let across = self.plane.knots_across();
         // Losses until all are known.
         self.step_transmission.fill(0.0);
@@ -198,16 +190,19 @@ impl Paths {
             march.sum(direction);
         }
         march.divide();
-        let most = (1.0 - MIN_FREQUENCY_SHARE) as f32;
-        for i in 0..across {
-            let knot = row * across + i;
-            let loss_np = -power_db(march.clear[i]) * NEPER_PER_POWER_DB;
-            self.delay_m[knot] = march.mean_delay_m[i].clamp(-MAX_DELAY_M as f32, MAX_DELAY_M as f32);
-            self.stretch[knot] = 1.0 / (1.0 - (2.0 * *spread * loss_np).min(most));
+        let (spread, most) = (*spread, (1.0 - MIN_FREQUENCY_SHARE) as f32);
+        let knots = row * across..(row + 1) * across;
+        for (delay_m, mean_m) in self.delay_m[knots.clone()].iter_mut().zip(&march.mean_delay_m) {
+            *delay_m = mean_m.clamp(-MAX_DELAY_M as f32, MAX_DELAY_M as f32);
+        }
+        let out = self.stretch[knots.clone()].iter_mut().zip(&mut self.two_way[knots]);
+        for ((stretch, two_way), (clear, amplitude)) in out.zip(march.clear.iter().zip(&march.amplitude)) {
+            let loss_np = -power_db(*clear) * NEPER_PER_POWER_DB;
+            *stretch = 1.0 / (1.0 - (2.0 * spread * loss_np).min(most));
             // Low frequencies get farther than the centre one: see `pulse_loss_np`.
-            let gain_np = loss_np - pulse_loss_np(loss_np, *spread);
-            let one_way = march.amplitude[i] / exp_minus(gain_np);
-            self.two_way[knot] = one_way * one_way;
+            let gain_np = loss_np - pulse_loss_np(loss_np, spread);
+            let one_way = amplitude / exp_minus(gain_np);
+            *two_way = one_way * one_way;
         }
     }
 

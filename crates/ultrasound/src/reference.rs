@@ -84,7 +84,8 @@ pub fn field(
     let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
     let mut paths = Paths::new(&beam, probe, frame.plane());
     let mut columns = Columns::new(tissue.clone(), lattice, probe);
-    paths.build(&beam, &lattice, &mut columns, slice, needle.outer_diameter_m);
+    paths.sample(&lattice, &mut columns, &slice.phantom_from_probe);
+    paths.build(&beam, slice, needle.outer_diameter_m);
     let mut canvas =
         Canvas { beam: &beam, paths: &paths, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
 

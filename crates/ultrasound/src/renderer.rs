@@ -18,12 +18,12 @@ use crate::{
     paths::{Paths, Plane},
     shear::Shear,
     splat::{Grid, Sources},
-    stamp::{self, Layout, Stamp},
+    stamp::{Layout, Stamps},
     tape::BakedTape,
 };
 
 /// Display rows per task; fixed, so that results do not depend on the number of threads.
-const TASK_ROWS: usize = 80;
+const TASK_ROWS: usize = 120;
 
 /// Renders pictures of one needle in one phantom through one probe.
 ///
@@ -44,7 +44,7 @@ pub struct Renderer {
     grid: Grid,
     needle_diameter_m: f64,
     needle: NeedleEchoes,
-    stamps: Vec<Stamp>,
+    stamps: Stamps,
     surfaces: Vec<Echo>,
     paths: Paths,
     field: Vec<f32>,
@@ -148,7 +148,7 @@ impl Renderer {
             grid: Grid::default(),
             needle_diameter_m: needle.outer_diameter_m,
             needle: NeedleEchoes::new(&needle, &beam, &probe, seed),
-            stamps: Vec::new(),
+            stamps: Stamps::default(),
             surfaces: Vec::new(),
             paths: Paths::new(&beam, &probe, frame.plane()),
             field: vec![0.0; frame.rows() * 2 * frame.padded],
@@ -232,7 +232,7 @@ impl Renderer {
                         Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
                         None => field.fill(0.0),
                     }
-                    stamp::apply(stamps, padded, first_row, field);
+                    stamps.apply(padded, first_row, field);
                 }
                 let rows = field.chunks_exact(2 * padded).zip(pixels.chunks_exact_mut(width));
                 for (i, (field, pixels)) in rows.enumerate() {
@@ -258,8 +258,8 @@ impl Renderer {
             self.columns.half(),
         );
         let Self { beam, lattice, tape, elevation, columns: tissue, paths, needle, surfaces, .. } = self;
-        let (beam, lattice, probe) = (&*beam, &*lattice, &self.probe);
-        let (shear, diameter_m) = (shear.as_ref(), self.needle_diameter_m);
+        let (beam, lattice, shear) = (&*beam, &*lattice, shear.as_ref());
+        let pose = &slice.phantom_from_probe;
         rayon::join(
             || {
                 if let Some(shear) = shear {
@@ -269,29 +269,31 @@ impl Renderer {
                 needle.build(beam, tape, slice);
             },
             || {
-                paths.build(beam, lattice, tissue, slice, diameter_m);
+                paths.sample(lattice, tissue, pose);
                 surfaces.clear();
                 if let Some(shear) = shear {
-                    let pose = &slice.phantom_from_probe;
-                    let reverberates = probe.effects.reverberation;
+                    let reverberates = self.probe.effects.reverberation;
                     boundary::add_echoes(beam, lattice, shear, tissue, pose, reverberates, surfaces);
                 }
             },
         );
-        let Self { jobs, stamps, .. } = self;
-        let (tape, elevation, paths) = (&self.tape, &self.elevation, &self.paths);
+        let Self { jobs, grid, stamps, .. } = self;
+        let (tape, elevation) = (&*tape, &*elevation);
+        // The grid's tasks are there for whoever is done first.
         rayon::join(
             || {
                 if let Some(shear) = shear {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
                     jobs.build(shear, lattice, elevation, tissue, tape, phase_per_row_rad);
+                    grid.fill(shear, jobs, Sources { tape, elevation, columns: tissue });
                 }
             },
-            || stamp::prepare(beam, paths, needle.echoes.iter().chain(&*surfaces), layout, rows, stamps),
+            || {
+                paths.build(beam, slice, self.needle_diameter_m);
+                stamps.prepare(beam, paths, needle.echoes.iter().chain(&*surfaces), layout, rows);
+            },
         );
         let shear = shear?;
-        let sources = Sources { tape: &self.tape, elevation: &self.elevation, columns: &self.columns };
-        self.grid.fill(shear, &self.jobs, sources);
         let map = LineMap {
             at_row_0: (first_x_m - shear.first_line_m) / line_pitch_m,
             per_row: -shear.lateral_slope * shear.row_step_m / line_pitch_m,

@@ -137,7 +137,7 @@ struct Run<'a> {
 fn add_column(job: &Job, band_lo: usize, sources: Sources, mixed: &mut Vec<f32>, mut add: impl FnMut(Run)) {
     let (runs, weights) = sources.elevation.runs(job.crossing);
     let samples = &sources.tape.samples[job.tape as usize..][..(job.hi - job.lo) as usize];
-    let stretches = sources.columns.stretches(job.stretches);
+    let stretches = job.stretches.map(|range| sources.columns.stretches(range));
     for run in runs {
         let (lo, hi) = (run.lo.max(job.lo), run.hi.min(job.hi));
         if lo >= hi {
@@ -147,14 +147,19 @@ fn add_column(job: &Job, band_lo: usize, sources: Sources, mixed: &mut Vec<f32>,
         let weights = &weights[run.first as usize + row - run.lo as usize..][..count];
         // Scatterer n lies in row n + row_of_0.
         let [lo, hi] = [lo, hi].map(|row| row as i32 - job.row_of_0);
-        let below = stretches.partition_point(|s| s.end <= lo);
-        let (weights, factor) = match stretches.get(below) {
-            Some(s) if s.start <= lo && hi <= s.end => {
-                (weights, [job.re * s.amplitude, job.im * s.amplitude])
-            }
-            _ => {
-                mix(weights, lo, &stretches[below..], mixed);
-                (&mixed[..], [job.re, job.im])
+        let (weights, factor) = match stretches {
+            None => (weights, [job.re, job.im]),
+            Some(stretches) => {
+                let below = stretches.iter().take_while(|s| s.end <= lo).count();
+                match stretches.get(below) {
+                    Some(s) if s.start <= lo && hi <= s.end => {
+                        (weights, [job.re * s.amplitude, job.im * s.amplitude])
+                    }
+                    _ => {
+                        mix(weights, lo, &stretches[below..], mixed);
+                        (&mixed[..], [job.re, job.im])
+                    }
+                }
             }
         };
         if factor != [0.0, 0.0] {
