@@ -190,11 +190,8 @@ impl SimEndpoint {
         })
     }
 
-    /// The next command that has arrived, if any, whatever image it answers; for runs in real time.
-    ///
-    /// # Errors
-    /// [`WireError::Transport`].
-    pub fn try_answer(&self) -> Result<Option<Answer>, WireError> {
+    /// The next command that has arrived, if any, whatever image it answers.
+    fn try_answer(&self) -> Result<Option<Answer>, WireError> {
         let Some(sample) = receive(self.command.receive())? else { return Ok(None) };
         self.fetch_checkpoint()?;
         // A copy first: the sender could still write to shared memory.
@@ -211,18 +208,6 @@ impl SimEndpoint {
                 Err(defect) => refused(message.answers, defect.refusal()),
             }
         }))
-    }
-
-    /// Waits until a command has arrived or `timeout` is over; for runs in real time.
-    ///
-    /// # Errors
-    /// [`WireError::Transport`].
-    pub fn wait_any_answer(
-        &self,
-        timeout: Duration,
-        mut alive: impl FnMut() -> bool,
-    ) -> Result<Wait<Answer>, WireError> {
-        wait_for(&self.command_listener, timeout, &mut alive, || self.try_answer())
     }
 
     /// What [`Self::wait_answer`] discarded since the last call, oldest first. `answers` is `u64::MAX` where
