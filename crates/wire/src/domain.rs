@@ -142,6 +142,10 @@ impl Domain {
     pub(crate) fn is_owner(&self) -> bool {
         self.inner.lock.is_some()
     }
+
+    pub(crate) fn not_running(&self) -> WireError {
+        WireError::NotRunning { name: self.name().into(), root: self.root().into() }
+    }
 }
 
 impl Inner {

@@ -1,4 +1,4 @@
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use iceoryx2::{
     port::{listener::Listener, notifier::Notifier},
@@ -14,7 +14,6 @@ use crate::{
         event_id,
     },
     sim::receive,
-    termination_requested,
     wait::wait_for,
 };
 
@@ -50,7 +49,7 @@ impl ObserverHost {
     /// [`WireError::NotRunning`] when `domain` was opened rather than created, [`WireError::Transport`].
     pub fn create(domain: &Domain, run_id: u64) -> Result<Self, WireError> {
         if !domain.is_owner() {
-            return Err(WireError::NotRunning { name: domain.name().into(), root: domain.root().into() });
+            return Err(domain.not_running());
         }
         let node = services::node(domain, "sonoloop-sim")?;
         let services = ObserverServices::new(&node, Mode::Create)?;
@@ -111,18 +110,7 @@ impl Observer {
     /// # Errors
     /// [`WireError::NotRunning`], [`WireError::Interrupted`], or what kept the services from being opened.
     pub fn open(domain: &Domain, timeout: Duration) -> Result<Self, WireError> {
-        let start = Instant::now();
-        loop {
-            if !domain.is_alive() {
-                return Err(WireError::NotRunning { name: domain.name().into(), root: domain.root().into() });
-            }
-            match Self::try_open(domain) {
-                Ok(opened) => return Ok(opened),
-                Err(_) if termination_requested() => return Err(WireError::Interrupted),
-                Err(error) if start.elapsed() >= timeout => return Err(error),
-                Err(_) => std::thread::sleep(Duration::from_millis(5)),
-            }
-        }
+        services::open_until(domain, timeout, || Self::try_open(domain))
     }
 
     fn try_open(domain: &Domain) -> Result<Self, WireError> {

@@ -1,6 +1,11 @@
 //! Names and sizes of the services, and the one place where they are created or opened.
 
-use std::{fmt::Debug, path::Path as StdPath, sync::Once};
+use std::{
+    fmt::Debug,
+    path::Path as StdPath,
+    sync::Once,
+    time::{Duration, Instant},
+};
 
 use iceoryx2::{
     port::{notifier::Notifier, update_connections::UpdateConnections},
@@ -11,7 +16,7 @@ use iceoryx2::{
 use crate::{
     Domain, WireError,
     layout::{BlobHeader, CommandMessage, EndMessage, ImageHeader, ReadyMessage, TruthMessage},
-    termination,
+    termination, termination_requested,
 };
 
 pub(crate) type Ipc = ipc::Service;
@@ -32,6 +37,8 @@ pub(crate) mod event_id {
 /// Trackers come and go, a viewer may watch; the slot of a killed one is free again once the next node starts.
 const MAX_NODES: usize = 12;
 const MAX_PORTS: usize = 6;
+/// Pause between two attempts to open the services.
+const RETRY: Duration = Duration::from_millis(5);
 
 /// Create (the simulator) or open (everyone else).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -115,6 +122,27 @@ pub(crate) fn node(domain: &Domain, name: &str) -> Result<Node<Ipc>, WireError> 
         })?;
     termination::install(&node);
     Ok(node)
+}
+
+/// Tries `open` again, as the simulator may not have made every service yet, until it succeeds, `timeout` is over,
+/// the simulator is gone, or a signal arrives.
+pub(crate) fn open_until<T>(
+    domain: &Domain,
+    timeout: Duration,
+    open: impl Fn() -> Result<T, WireError>,
+) -> Result<T, WireError> {
+    let start = Instant::now();
+    loop {
+        if !domain.is_alive() {
+            return Err(domain.not_running());
+        }
+        match open() {
+            Ok(opened) => return Ok(opened),
+            Err(_) if termination_requested() => return Err(WireError::Interrupted),
+            Err(error) if start.elapsed() >= timeout => return Err(error),
+            Err(_) => std::thread::sleep(RETRY),
+        }
+    }
 }
 
 /// iceoryx2's built-in defaults with our prefix and root: a user's own iceoryx2 configuration file must not

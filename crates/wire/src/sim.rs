@@ -74,7 +74,7 @@ impl SimEndpoint {
     /// [`MAX_IMAGE_SIDE_PX`], [`WireError::Transport`].
     pub fn create(domain: &Domain, setup: &Setup) -> Result<Self, WireError> {
         if !domain.is_owner() {
-            return Err(WireError::NotRunning { name: domain.name().into(), root: domain.root().into() });
+            return Err(domain.not_running());
         }
         let json = setup_json(setup)?;
         let size_px = (setup.geometry.width_px, setup.geometry.height_px);

@@ -13,12 +13,9 @@ use crate::{
         self, BytesPublisher, BytesSubscriber, Ipc, Mode, Services, TypedPublisher, TypedSubscriber, event_id,
     },
     sim::{check_checkpoint, receive},
-    termination_requested,
     wait::wait_for,
 };
 
-/// Pause between two attempts to open the services.
-const RETRY: Duration = Duration::from_millis(5);
 /// What a tracker's wait for the next image ended with.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Next {
@@ -73,19 +70,11 @@ impl TrackerEndpoint {
     /// and [`WireError::Setup`] when what it sent is not sound, [`WireError::Interrupted`] by a signal.
     pub fn open(domain: &Domain, timeout: Duration) -> Result<Self, WireError> {
         let start = Instant::now();
-        let (node, services) = loop {
-            if !domain.is_alive() {
-                return Err(WireError::NotRunning { name: domain.name().into(), root: domain.root().into() });
-            }
-            let opened = services::node(domain, "sonoloop-tracker")
-                .and_then(|node| Services::new(&node, Mode::Open).map(|services| (node, services)));
-            match opened {
-                Ok(opened) => break opened,
-                Err(_) if termination_requested() => return Err(WireError::Interrupted),
-                Err(error) if start.elapsed() >= timeout => return Err(error),
-                Err(_) => std::thread::sleep(RETRY),
-            }
-        };
+        let (node, services) = services::open_until(domain, timeout, || {
+            let node = services::node(domain, "sonoloop-tracker")?;
+            let services = Services::new(&node, Mode::Open)?;
+            Ok((node, services))
+        })?;
         // A history is only served to subscribers that exist when the simulator looks, which it does when
         // the notifier below appears: so the notifier comes last.
         let setup_subscriber = services::bytes_subscriber(&services.setup)?;
@@ -252,7 +241,7 @@ fn first<T>(waited: Wait<T>, domain: &Domain) -> Result<Option<T>, WireError> {
     match waited {
         Wait::Got(value) => Ok(Some(value)),
         Wait::TimedOut => Ok(None),
-        Wait::Gone => Err(WireError::NotRunning { name: domain.name().into(), root: domain.root().into() }),
+        Wait::Gone => Err(domain.not_running()),
         Wait::Interrupted => Err(WireError::Interrupted),
     }
 }
