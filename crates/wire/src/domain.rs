@@ -25,7 +25,8 @@ const SOCKET_PATH_BYTES: usize = 107;
 /// Longest name that is accepted.
 const MAX_NAME_BYTES: usize = 48;
 
-/// One run's place in shared memory. Clones share it; the last one dropped tidies up.
+/// One run's place in shared memory. Clones share it; the last one dropped tidies up. An endpoint keeps one behind
+/// its ports, services and node, so that these are gone before their folder is.
 #[derive(Debug, Clone)]
 pub struct Domain {
     inner: Arc<Inner>,
@@ -136,7 +137,7 @@ impl Domain {
 
     /// True while the simulator lives, that is, while the domain's lock is held.
     pub fn is_alive(&self) -> bool {
-        self.inner.is_alive()
+        self.is_owner() || lock_is_held(&lock_path(self.root()))
     }
 
     pub(crate) fn is_owner(&self) -> bool {
@@ -145,12 +146,6 @@ impl Domain {
 
     pub(crate) fn not_running(&self) -> WireError {
         WireError::NotRunning { name: self.name().into(), root: self.root().into() }
-    }
-}
-
-impl Inner {
-    fn is_alive(&self) -> bool {
-        self.lock.is_some() || lock_is_held(&lock_path(&self.root))
     }
 }
 
