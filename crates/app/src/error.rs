@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use sonoloop_scenario::LoadError;
+
 /// Outcome of a command that did its work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
@@ -29,6 +31,13 @@ pub enum AppError {
     /// Something failed on the way.
     #[error("error: {0}")]
     Fault(String),
+}
+
+/// A file that a person wrote is bad input; its error shows the line.
+impl From<LoadError> for AppError {
+    fn from(error: LoadError) -> Self {
+        Self::BadInput(error.render())
+    }
 }
 
 impl AppError {

@@ -10,8 +10,7 @@ use crate::session::Session;
 /// Loads a scenario and builds its session; every error is bad input.
 pub fn prepare(file: &Path, seed: Option<u64>, set: &[String]) -> Result<(Scenario, Session), AppError> {
     let options = LoadOptions { seed, set: set.to_vec(), ..LoadOptions::default() };
-    let scenario =
-        sonoloop_scenario::load(file, &options).map_err(|error| AppError::BadInput(error.render()))?;
+    let scenario = sonoloop_scenario::load(file, &options)?;
     let session = Session::new(&scenario)
         .map_err(|error| AppError::BadInput(format!("{}: {error}", file.display())))?;
     Ok((scenario, session))

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use sonoloop_scenario::{FileKind, LoadError, load_materials, load_needle, load_phantom, load_probe};
+use sonoloop_scenario::{FileKind, load_materials, load_needle, load_phantom, load_probe};
 
 use crate::cli::CheckArgs;
 use crate::error::{AppError, Outcome};
@@ -29,16 +29,15 @@ pub fn check(args: &CheckArgs) -> Result<Outcome, AppError> {
 
 /// What is to be said of a sound file. Its kind is the one that its schema line names.
 fn check_file(file: &Path) -> Result<String, AppError> {
-    let bad = |error: LoadError| AppError::BadInput(error.render());
     let what = match FileKind::of_file(file).unwrap_or(FileKind::Scenario) {
         FileKind::Scenario => prepare(file, None, &[])?.0.description,
         FileKind::Phantom => {
-            let phantom = load_phantom(file).map_err(bad)?;
+            let phantom = load_phantom(file)?;
             format!("phantom {}, {} bodies inside", phantom.name, phantom.inclusions.len())
         }
-        FileKind::Materials => format!("{} materials", load_materials(file).map_err(bad)?.len()),
-        FileKind::Probe => format!("probe {}", load_probe(file).map_err(bad)?.name),
-        FileKind::Needle => format!("needle {}", load_needle(file).map_err(bad)?.name),
+        FileKind::Materials => format!("{} materials", load_materials(file)?.len()),
+        FileKind::Probe => format!("probe {}", load_probe(file)?.name),
+        FileKind::Needle => format!("needle {}", load_needle(file)?.name),
         // Whether an arm reaches can only be told with a phantom and an insertion.
         FileKind::Robot | FileKind::NeedleRobot => {
             return Ok("checked with each scenario that names it".into());

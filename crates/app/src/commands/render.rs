@@ -25,11 +25,9 @@ pub fn render(args: &RenderArgs) -> Result<Outcome, AppError> {
     file_is_there("PHANTOM", phantom_file)?;
     file_is_there("--probe", &args.probe)?;
     file_is_there("--needle", &args.needle)?;
-    let phantom =
-        sonoloop_scenario::load_phantom(phantom_file).map_err(|e| AppError::BadInput(e.render()))?;
-    let probe = sonoloop_scenario::load_probe_with(&args.probe, &args.set)
-        .map_err(|e| AppError::BadInput(e.render()))?;
-    let needle = sonoloop_scenario::load_needle(&args.needle).map_err(|e| AppError::BadInput(e.render()))?;
+    let phantom = sonoloop_scenario::load_phantom(phantom_file)?;
+    let probe = sonoloop_scenario::load_probe_with(&args.probe, &args.set)?;
+    let needle = sonoloop_scenario::load_needle(&args.needle)?;
 
     let slice = view(args).slice(&probe);
     let mut image = Image::black(probe.geometry.width_px, probe.geometry.height_px);

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use sonoloop_scenario::{FileKind, PhantomSpec};
+use sonoloop_scenario::{FileKind, PhantomSpec, load_needle, load_phantom, load_probe_with};
 use sonoloop_types::Image;
 use sonoloop_ultrasound::Renderer;
 
@@ -34,9 +34,8 @@ pub fn gallery(folder: &Path, args: &RenderArgs) -> Result<Outcome, AppError> {
     file_is_there("PHANTOM", &chosen)?;
     file_is_there("--probe", &args.probe)?;
     file_is_there("--needle", &args.needle)?;
-    let bad = |e: sonoloop_scenario::LoadError| AppError::BadInput(e.render());
-    let probe = sonoloop_scenario::load_probe_with(&args.probe, &args.set).map_err(bad)?;
-    let needle = sonoloop_scenario::load_needle(&args.needle).map_err(bad)?;
+    let probe = load_probe_with(&args.probe, &args.set)?;
+    let needle = load_needle(&args.needle)?;
     let phantoms = phantoms_beside(&chosen)?;
 
     let files: Vec<PhantomFile> =
@@ -83,10 +82,7 @@ type Phantoms = BTreeMap<String, (PathBuf, PhantomSpec)>;
 
 /// The chosen phantom, and every other one in its folder: the files that name the phantoms' schema.
 fn phantoms_beside(chosen: &Path) -> Result<Phantoms, AppError> {
-    let load = |file: &Path| {
-        sonoloop_scenario::load_phantom(file).map_err(|error| AppError::BadInput(error.render()))
-    };
-    let mut phantoms = Phantoms::from([(stem(chosen), (chosen.to_owned(), load(chosen)?))]);
+    let mut phantoms = Phantoms::from([(stem(chosen), (chosen.to_owned(), load_phantom(chosen)?))]);
     let folder = chosen.parent().unwrap_or(Path::new(""));
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let unreadable = |e| AppError::BadInput(format!("error: {}: {e}", folder.display()));
@@ -97,7 +93,7 @@ fn phantoms_beside(chosen: &Path) -> Result<Phantoms, AppError> {
             && FileKind::of_file(&file) == Some(FileKind::Phantom)
             && !phantoms.contains_key(&stem(&file))
         {
-            phantoms.insert(stem(&file), (file.clone(), load(&file)?));
+            phantoms.insert(stem(&file), (file.clone(), load_phantom(&file)?));
         }
     }
     Ok(phantoms)
