@@ -74,7 +74,7 @@ pub struct InProcess {
 }
 
 impl InProcess {
-    /// `keeps_checkpoints` only where a scenario will need one.
+    /// `keeps_checkpoints` only where a scenario kills the tracker, which then starts from one.
     pub fn new(kind: ControllerKind, keeps_checkpoints: bool) -> Self {
         Self { kind, setup: None, controller: None, checkpoint: None, keeps_checkpoints }
     }

@@ -257,7 +257,7 @@ impl Session {
     }
 }
 
-/// True when a scenario will need the tracker's checkpoints.
-pub fn needs_checkpoints(scenario: &Scenario) -> bool {
+/// True when a disturbance of the scenario kills the tracker.
+pub fn kills_tracker(scenario: &Scenario) -> bool {
     scenario.disturbances.iter().any(|d| matches!(d.kind, DisturbanceKind::TrackerKilled { .. }))
 }

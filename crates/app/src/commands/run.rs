@@ -15,7 +15,7 @@ use crate::record::{ImageRow, ImageStore, Recording};
 use crate::remote::{Remote, TrackerProcess};
 use crate::say::say;
 use crate::scenarios::prepare;
-use crate::session::{Nobody, Session, Watch, needs_checkpoints};
+use crate::session::{Nobody, Session, Watch, kills_tracker};
 use crate::steering::{Request, Steering};
 
 /// A run that is over, judged.
@@ -42,7 +42,7 @@ pub fn execute_in_process(
     session: Session,
     kind: ControllerKind,
 ) -> Result<Finished, AppError> {
-    let mut peer = InProcess::new(kind, needs_checkpoints(scenario));
+    let mut peer = InProcess::new(kind, kills_tracker(scenario));
     let (recording, error) = session.run(run_id(), &mut peer, &mut Nobody, None);
     if let Some(error) = error {
         return Err(AppError::fault(error));
@@ -64,9 +64,8 @@ pub fn run_id() -> u64 {
 /// Runs one scenario as the command line says.
 pub fn run(args: &RunArgs) -> Result<Outcome, AppError> {
     let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
-    let keeps = needs_checkpoints(&scenario);
     let peer: Box<dyn Peer> = match args.tracker.as_deref() {
-        _ if args.in_process => Box::new(InProcess::new(ControllerKind::Tracker, keeps)),
+        _ if args.in_process => Box::new(InProcess::new(ControllerKind::Tracker, kills_tracker(&scenario))),
         Some("none") => Box::new(NoTracker),
         None => Box::new(remote(TrackerProcess::Own(None))?),
         Some(name) if Null::from_name(name).is_some() => {

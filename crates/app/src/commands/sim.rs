@@ -7,13 +7,13 @@ use crate::cli::SimArgs;
 use crate::error::{AppError, Outcome};
 use crate::remote::{Remote, TrackerProcess};
 use crate::scenarios::prepare;
-use crate::session::needs_checkpoints;
+use crate::session::kills_tracker;
 use crate::steering::Steering;
 
 /// Creates the domain, says how to join it, waits, runs.
 pub fn sim(args: &SimArgs) -> Result<Outcome, AppError> {
     let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
-    if needs_checkpoints(&scenario) {
+    if kills_tracker(&scenario) {
         return Err(AppError::BadInput(format!(
             "error: {}: kills the tracker, which only `sonoloop run` can, as it starts the tracker itself",
             args.scenario.file.display()
