@@ -18,7 +18,7 @@ pub fn list(args: &ListArgs) -> Result<Outcome, AppError> {
             continue;
         }
         anything = true;
-        say(format_args!("{title}"));
+        say(title);
         for file in find(&[folder])? {
             say(format_args!("  {:<44} {}", file.display(), note(&file, title == "Scenarios")));
         }
