@@ -188,9 +188,6 @@ fn help_shows_examples_and_wrong_usage_exits_2() {
     let track = sonoloop(&["track"]);
     assert_eq!(track.code(), 2);
     assert!(track.stderr.contains("SEQUENCE --init U,V"), "{}", track.stderr);
-    let file = root().join("README.md");
-    let onto_a_file = sonoloop(&["run", SCENARIO, "--in-process", "--out", file.to_str().expect("path")]);
-    assert_eq!(onto_a_file.code(), 2, "{}", onto_a_file.stderr);
     assert_eq!(sonoloop(&["render", "phantoms/gelatin_agar.yaml", "--out", "no/such/folder.png"]).code(), 2);
     assert_eq!(
         sonoloop(&["suite", SCENARIO, "--set", "seed=18446744073709551615", "--seeds", "2"]).code(),
@@ -288,7 +285,6 @@ fn a_picture_that_cannot_be_made_is_refused() {
         (&["render"], "PHANTOM"),
         (&["render", "--gallery", "atlas"], "phantoms/gelatin_agar.yaml: there is no such file"),
         (&["render", "--gallery", "atlas", "--tilt-deg", "3"], "cannot be used with"),
-        (&["render", "--gallery", phantom], "is a file, not a folder"),
     ] {
         let mut command = program();
         command.current_dir(folder.path()).args(arguments);
@@ -428,8 +424,24 @@ fn a_reader_that_leaves_early_is_no_fault() {
 }
 
 #[test]
-fn a_report_that_cannot_be_written_is_refused_before_anything_runs() {
-    let finished = sonoloop(&["suite", "scenarios", "--junit", "Cargo.toml/junit.xml"]);
-    assert_eq!(finished.code(), 2, "{}", finished.stderr);
-    assert!(finished.stderr.contains("--junit Cargo.toml/junit.xml: Cargo.toml is a file, not a folder"));
+fn a_file_where_a_folder_for_results_should_be_is_refused_before_anything_else() {
+    // Nothing else that is given exists: whoever looked at it first would say so.
+    for (arguments, option) in [
+        (&["run", "nothing.yaml", "--out"][..], "--out"),
+        (&["sim", "nothing.yaml", "--out"], "--out"),
+        (&["suite", "nothing.yaml", "--junit"], "--junit"),
+        (&["track", "nothing.mha", "--init", "30,20", "--out"], "--out"),
+        (&["render", "nothing.yaml", "--gallery"], "--gallery"),
+    ] {
+        for place in ["Cargo.toml", "Cargo.toml/deep/below"] {
+            // The report is a file itself, in the folder that is asked for.
+            let place = if option == "--junit" { format!("{place}/junit.xml") } else { place.to_owned() };
+            let finished = sonoloop(&[arguments, &[place.as_str()]].concat());
+            assert_eq!(finished.code(), 2, "{arguments:?}: {}", finished.stderr);
+            assert_eq!(finished.stderr, format!("error: {option}: Cargo.toml is a file, not a folder\n"));
+        }
+    }
+    let finished = sonoloop(&["suite", "nothing.yaml", "--junit", "scenarios"]);
+    assert_eq!(finished.code(), 2);
+    assert_eq!(finished.stderr, "error: --junit: scenarios is a folder\n");
 }

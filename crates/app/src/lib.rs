@@ -14,6 +14,7 @@ pub mod error;
 pub mod judge;
 pub mod null;
 pub mod output;
+pub mod paths;
 pub mod peer;
 pub mod progress;
 pub mod record;

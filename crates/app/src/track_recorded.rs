@@ -13,6 +13,7 @@ use sonoloop_types::{
 };
 
 use crate::error::AppError;
+use crate::paths::no_file_in_the_way;
 use crate::say::say;
 use crate::sequence::Sequence;
 
@@ -137,6 +138,7 @@ pub struct TrackedImage {
 
 /// Tracks the sequence, writes `track.csv`, prints a short summary. Bad input leaves nothing behind.
 pub fn run(args: &TrackRecorded) -> Result<(), AppError> {
+    no_file_in_the_way("--out", args.out.as_deref())?;
     let rows = track(args)?;
     if let Some(folder) = &args.out {
         write_table(folder, &rows)

@@ -6,9 +6,10 @@ use sonoloop_types::Image;
 use sonoloop_ultrasound::Renderer;
 
 use super::gallery::gallery;
-use super::view::{NeedleView, View, file_is_there};
+use super::view::{NeedleView, View};
 use crate::cli::RenderArgs;
 use crate::error::{AppError, Outcome};
+use crate::paths::file_is_there;
 use crate::say::say;
 
 /// Writes the picture, or the gallery.

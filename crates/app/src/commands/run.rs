@@ -9,6 +9,7 @@ use crate::error::{AppError, Outcome};
 use crate::judge::{Facts, Judged, Metrics, metrics, passes, verdict};
 use crate::null::Null;
 use crate::output::{self, Summary};
+use crate::paths::no_file_in_the_way;
 use crate::peer::{InProcess, NoTracker, Peer, PeerError};
 use crate::progress::Progress;
 use crate::record::{ImageRow, ImageStore, Recording};
@@ -63,6 +64,7 @@ pub fn run_id() -> u64 {
 
 /// Runs one scenario as the command line says.
 pub fn run(args: &RunArgs) -> Result<Outcome, AppError> {
+    no_file_in_the_way("--out", args.output.out.as_deref())?;
     let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
     let peer: Box<dyn Peer> = match args.tracker.as_deref() {
         _ if args.in_process => Box::new(InProcess::new(ControllerKind::Tracker, kills_tracker(&scenario))),
@@ -109,12 +111,6 @@ pub fn finish(
     steering: Option<Steering>,
     args: &OutputArgs,
 ) -> Result<Outcome, AppError> {
-    if let Some(folder) = args.out.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
-        return Err(AppError::BadInput(format!(
-            "error: --out {}: this is a file, not a folder",
-            folder.display()
-        )));
-    }
     let pixels =
         args.out.as_ref().map(|_| ImageStore::new()).transpose().map_err(|e| {
             AppError::Fault(format!("the pictures cannot be kept in the temporary folder: {e}"))

@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::run::{finish, run_id};
 use crate::cli::SimArgs;
 use crate::error::{AppError, Outcome};
+use crate::paths::no_file_in_the_way;
 use crate::remote::{Remote, TrackerProcess};
 use crate::scenarios::prepare;
 use crate::session::kills_tracker;
@@ -12,6 +13,7 @@ use crate::steering::Steering;
 
 /// Creates the domain, says how to join it, waits, runs.
 pub fn sim(args: &SimArgs) -> Result<Outcome, AppError> {
+    no_file_in_the_way("--out", args.output.out.as_deref())?;
     let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
     if kills_tracker(&scenario) {
         return Err(AppError::BadInput(format!(

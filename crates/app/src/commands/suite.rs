@@ -14,6 +14,7 @@ use crate::cli::SuiteArgs;
 use crate::controller::ControllerKind;
 use crate::error::{AppError, Outcome};
 use crate::output::{Case as JunitCase, CaseResult, junit_xml, wilson};
+use crate::paths::no_file_in_the_way;
 use crate::say::say;
 use crate::scenarios::{find, prepare};
 
@@ -26,15 +27,9 @@ struct Case {
 /// Runs them all; fails when one fails.
 pub fn suite(args: &SuiteArgs) -> Result<Outcome, AppError> {
     if let Some(file) = &args.junit {
-        // Found out before anything runs; the folder itself is made when there is something to put into it.
-        let in_the_way = file.ancestors().skip(1).find(|folder| folder.exists() && !folder.is_dir());
-        let why = match in_the_way {
-            Some(folder) => format!("{} is a file, not a folder", folder.display()),
-            None if file.is_dir() => "this is a folder".to_owned(),
-            None => String::new(),
-        };
-        if !why.is_empty() {
-            return Err(AppError::BadInput(format!("error: --junit {}: {why}", file.display())));
+        no_file_in_the_way("--junit", file.parent())?;
+        if file.is_dir() {
+            return Err(AppError::BadInput(format!("error: --junit: {} is a folder", file.display())));
         }
     }
     let mut cases = Vec::new();

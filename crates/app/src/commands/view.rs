@@ -1,11 +1,8 @@
 //! Where the probe and the needle of a single picture are.
 
 use std::ops::Range;
-use std::path::Path;
 
 use sonoloop_types::{NeedlePath, Point, Pose, ProbeSpec, Slice, Vector};
-
-use crate::error::AppError;
 
 /// Length of needle that is drawn, and the number of its pieces.
 const NEEDLE_LENGTH_M: f64 = 60e-3;
@@ -100,17 +97,4 @@ impl NeedleView {
             bevel_normal_in_phantom: phantom_from_probe * up,
         }
     }
-}
-
-/// Refuses a file that is not there. The defaults lie in the repository, so whoever stands elsewhere is told so.
-pub fn file_is_there(option: &str, file: &Path) -> Result<(), AppError> {
-    if file.exists() {
-        return Ok(());
-    }
-    let place = if file.is_relative() {
-        ": looked for relative to the current folder; start in sonoloop's folder or name another file"
-    } else {
-        ""
-    };
-    Err(AppError::BadInput(format!("error: {option} {}: there is no such file{place}", file.display())))
 }

@@ -11,10 +11,10 @@ use sonoloop_scenario::{FileKind, PhantomSpec, load_needle, load_phantom, load_p
 use sonoloop_types::Image;
 use sonoloop_ultrasound::Renderer;
 
-use super::view::file_is_there;
 use crate::cli::RenderArgs;
 use crate::error::{AppError, Outcome};
 use crate::output::{Stage, write_png};
+use crate::paths::{file_is_there, no_file_in_the_way};
 use crate::say::say;
 use plan::{PhantomFile, Section, sections};
 
@@ -25,11 +25,7 @@ const DEFAULT_PHANTOM: &str = "phantoms/gelatin_agar.yaml";
 
 /// Renders every picture into a folder beside `folder` and gives all of them their names at the end.
 pub fn gallery(folder: &Path, args: &RenderArgs) -> Result<Outcome, AppError> {
-    if let Some(file) = folder.ancestors().find(|part| part.exists() && !part.is_dir()) {
-        let file = file.display();
-        let why = format!("error: --gallery {}: {file} is a file, not a folder", folder.display());
-        return Err(AppError::BadInput(why));
-    }
+    no_file_in_the_way("--gallery", Some(folder))?;
     let chosen = args.phantom.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_PHANTOM));
     file_is_there("PHANTOM", &chosen)?;
     file_is_there("--probe", &args.probe)?;
