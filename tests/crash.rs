@@ -5,28 +5,14 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 mod common;
-use common::{Finished, Guarded, finish, program, sonoloop, start};
+use common::{Finished, Guarded, finish, program, sonoloop, start, wait_for};
 
 const SCENARIO: &str = "scenarios/lateral_plain.yaml";
-/// Longest any wait may take; nothing is measured against it.
-const WATCHDOG: Duration = Duration::from_secs(120);
 /// A tracker that has slept this often is far beyond its start: every picture is one sleep at least.
 const MID_RUN_SLEEPS: u64 = 40;
-
-/// Waits for something that must come.
-fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    let began = Instant::now();
-    loop {
-        if let Some(found) = look() {
-            return found;
-        }
-        assert!(began.elapsed() < WATCHDOG, "{what}: waited in vain");
-        std::thread::sleep(Duration::from_millis(3));
-    }
-}
 
 /// State letter and parent of a process, from `/proc`; the name in between may hold anything but the last bracket.
 fn stat(process: u32) -> Option<(char, u32)> {
@@ -290,7 +276,7 @@ fn two_terminals_give_the_same_bytes_as_one() {
     });
     let track = sonoloop(&["track", "--domain", &domain, "--root", &root]);
     assert_eq!(track.code(), 0, "{}", track.stderr);
-    let status = wait_for("the simulator's end", || sim.0.try_wait().expect("wait"));
+    let status = sim.wait();
     let said = std::fs::read_to_string(&log).expect("log");
     assert!(status.code().is_some_and(|code| code < 2), "{said}");
     assert!(images_csv(&out("run")) == images_csv(&out("sim")), "the two ways differ");

@@ -4,7 +4,7 @@
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::Stdio;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use sonoloop_types::Truth;
 use sonoloop_wire::{Control, Domain, Observer, Wait};
@@ -89,14 +89,7 @@ fn a_run_is_held_stepped_and_disturbed_by_hand_and_can_be_run_again() {
     observer.ask(&Control::Speed(Some(1000.0))).expect("asked");
     observer.ask(&Control::Resume).expect("asked");
     while let Wait::Got(_) = observer.next(PATIENCE).expect("sound truth") {}
-    let began = Instant::now();
-    let status = loop {
-        if let Some(status) = sim.0.try_wait().expect("the simulator can be waited for") {
-            break status;
-        }
-        assert!(began.elapsed() < PATIENCE, "the simulator hangs");
-        std::thread::sleep(Duration::from_millis(5));
-    };
+    let status = sim.wait();
     let said = rest.join().expect("reader");
     assert!(status.code().is_some_and(|code| code < 2), "{said:?}");
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Longest any child may live; a hang becomes a failure instead of a stuck gate.
+/// Longest any wait may take; a hang becomes a failure instead of a stuck gate. Nothing is measured against it.
 const WATCHDOG: Duration = Duration::from_secs(240);
 
 /// Top folder of the repository.
@@ -44,8 +44,27 @@ impl Finished {
     }
 }
 
+/// Waits for something that must come.
+pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let began = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(began.elapsed() < WATCHDOG, "{what}: waited in vain");
+        std::thread::sleep(Duration::from_millis(3));
+    }
+}
+
 /// A child that does not outlive its test.
 pub struct Guarded(pub Child);
+
+impl Guarded {
+    /// Waits for its end, with the watchdog.
+    pub fn wait(&mut self) -> ExitStatus {
+        wait_for("the program's end", || self.0.try_wait().expect("the child can be waited for"))
+    }
+}
 
 impl Drop for Guarded {
     fn drop(&mut self) {
@@ -73,14 +92,7 @@ pub fn finish(mut child: Guarded) -> Finished {
         let _ = err.read_to_string(&mut text);
         text
     });
-    let began = Instant::now();
-    let status = loop {
-        if let Some(status) = child.0.try_wait().expect("the child can be waited for") {
-            break status;
-        }
-        assert!(began.elapsed() < WATCHDOG, "the program hangs");
-        std::thread::sleep(Duration::from_millis(5));
-    };
+    let status = child.wait();
     Finished { status, stdout: stdout.join().expect("reader"), stderr: stderr.join().expect("reader") }
 }
 
