@@ -2,8 +2,8 @@
 //!
 //! A run has a [`Domain`]: a prefix for shared memory, a root folder for sockets and service files, and a
 //! lock that the simulator holds for as long as it lives. [`SimEndpoint`] creates every service in it;
-//! [`TrackerEndpoint`] opens them, usually from another process. Truth and requests
-//! travel in a second domain ([`ObserverHost`], [`Observer`]) whose name the tracker is not given.
+//! [`TrackerEndpoint`] opens them, usually from another process. Truth and requests travel in a second domain
+//! ([`ObserverHost`], [`Observer`]) whose name the tracker is not given.
 //!
 //! All waits are event waits; nothing here polls in a busy loop, and no duration measured here may reach the
 //! simulation's state. Everything that comes out of shared memory is checked ([`layout`]) before it becomes
