@@ -67,14 +67,15 @@ impl Moments {
     ///
     /// Correlation ignores contrast; this does not, so a needle that fades is told from the speckle that takes
     /// its place. Only fading counts: where the patch is the *more* contrasted one (a tip that comes into focus), b
-    /// is first stretched by the regression's gain g, 1 ≤ g ≤ 2, about `ground`, the grey level of its surroundings.
+    /// is first stretched by the regression's gain g, 1 ≤ g ≤ 2, about `ground`, the grey level of its surroundings; and
+    /// where the patch is brighter on the whole (a tip in a brighter layer), that does not count either.
     /// `None` when b is flat.
     pub fn brightness_ratio(&self, change: f64, ground: f64) -> Option<f64> {
         if self.var_b <= FLAT {
             return None;
         }
         let gain = (self.cov / self.var_b).clamp(1.0, MAX_GAIN);
-        let offset = self.mean_a - change - ground - gain * (self.mean_b - ground);
+        let offset = (self.mean_a - change - ground - gain * (self.mean_b - ground)).min(0.0);
         let mean_square = self.var_a + gain * gain * self.var_b - 2.0 * gain * self.cov + offset * offset;
         Some((mean_square.max(0.0) / self.var_b).sqrt() / gain)
     }
@@ -149,6 +150,10 @@ mod tests {
         let offset: Vec<f32> = b.iter().map(|g| g + 12.0).collect();
         let faded: Vec<f32> = b.iter().map(|g| b_mean + 0.3 * (g - b_mean)).collect();
         assert!(moments(&offset, &b, 3.0).brightness_ratio(12.0, 60.0).unwrap() < 1e-3);
+        // A brighter surrounding takes nothing away; a darker patch has lost something.
+        assert!(moments(&offset, &b, 3.0).brightness_ratio(0.0, 60.0).unwrap() < 1e-3);
+        let m = moments(&b.iter().map(|g| g - 12.0).collect::<Vec<_>>(), &b, 3.0);
+        assert!((m.brightness_ratio(0.0, 60.0).unwrap() - 12.0 / m.var_b.sqrt()).abs() < 1e-3);
         // rms of (0.3 − 1)(b − mean) over the contrast of b is 0.7.
         assert!((moments(&faded, &b, 3.0).brightness_ratio(0.0, 60.0).unwrap() - 0.7).abs() < 1e-3);
         assert!((moments(&faded, &b, 3.0).ncc().unwrap() - 1.0).abs() < 1e-5);
@@ -167,10 +172,9 @@ mod tests {
         let ground = 60.0_f32;
         let focused: Vec<f32> = b.iter().map(|g| ground + 1.6 * (g - ground)).collect();
         assert!(moments(&focused, &b, 3.0).brightness_ratio(0.0, 60.0).unwrap() < 1e-3);
-        // Beyond the largest gain the rest counts: (3 − 2)(b − ground) over twice the contrast of b.
+        // Beyond the largest gain the rest of the contrast counts: (3 − 2)(b − mean) over twice the contrast of b.
         let other: Vec<f32> = b.iter().map(|g| ground + 3.0 * (g - ground)).collect();
         let m = moments(&other, &b, 3.0);
-        let rms = (m.var_b + (m.mean_b - 60.0) * (m.mean_b - 60.0)).sqrt();
-        assert!((m.brightness_ratio(0.0, 60.0).unwrap() - 0.5 * rms / m.var_b.sqrt()).abs() < 1e-3);
+        assert!((m.brightness_ratio(0.0, 60.0).unwrap() - 0.5).abs() < 1e-3);
     }
 }
