@@ -11,24 +11,36 @@ use crate::{
 
 /// A gap above this is air: it reflects all. Below it is rounding.
 const AIR_GAP_M: f32 = 1e-7;
+/// Bands of ringing wave up and down by this. [assumed]
+const RINGING_WAVE_M: f32 = 0.12e-3;
 
 /// Contact of the elements in one picture.
 pub struct Contact {
     elements: usize,
     pitch_m: f64,
-    /// Share of the near aperture that is blind, per displayed column, times the strength of its elements' ringing.
+    /// Share of the near aperture that is blind, per displayed column, times the strength of its elements' ringing; and
+    /// by how much this is drawn farther down.
     pub blind: Vec<f32>,
+    pub ringing_shift_m: Vec<f32>,
     pub any_blind: bool,
     /// Coupled elements left of each edge between elements.
     coupled: Vec<f64>,
 }
 
-/// How strongly the elements around a place ring, in elements from the middle: no two are alike. [assumed]
-fn unevenness(place: f64) -> f32 {
-    let strength = |element: i64| 0.5 + (mix(element as u64) >> 40) as f32 / (1u32 << 24) as f32;
-    let element = place.floor();
-    let [left, right] = [0, 1].map(|step| strength(element as i64 + step));
-    left + (right - left) * (place - element) as f32
+/// Ringing of the elements around a place: how strong, and how much farther down than in a lens of even thickness. Both
+/// change slowly along the array, strength a little from element to element too. [assumed]
+fn ringing(place: f64) -> (f32, f32) {
+    let strength = 0.95 + 0.4 * smooth_noise(1, place / 9.0) + 0.08 * smooth_noise(2, place);
+    (strength, RINGING_WAVE_M * smooth_noise(3, place / 14.0))
+}
+
+/// Noise in −1..1 that is drawn at whole places and passes smoothly between them.
+fn smooth_noise(seed: u64, place: f64) -> f32 {
+    let first = place.floor();
+    let value = |knot: f64| (mix(seed ^ mix(knot as i64 as u64)) >> 40) as f32 / (1u32 << 23) as f32 - 1.0;
+    let u = (place - first) as f32;
+    let (left, right) = (value(first), value(first + 1.0));
+    left + (right - left) * u * u * (3.0 - 2.0 * u)
 }
 
 impl Contact {
@@ -37,6 +49,7 @@ impl Contact {
             elements: probe.elements as usize,
             pitch_m: probe.pitch_m,
             blind: Vec::new(),
+            ringing_shift_m: Vec::new(),
             any_blind: false,
             coupled: Vec::new(),
         }
@@ -47,6 +60,8 @@ impl Contact {
         self.any_blind = (0..self.elements).any(|i| !coupled(i));
         self.blind.clear();
         self.blind.resize(plane.columns, 0.0);
+        self.ringing_shift_m.clear();
+        self.ringing_shift_m.resize(plane.columns, 0.0);
         if !self.any_blind {
             return;
         }
@@ -59,7 +74,9 @@ impl Contact {
         for column in 0..plane.columns {
             let x_m = plane.first_x_m + column as f64 * plane.spacing_m;
             let share = self.share([x_m - face_m / 2.0, x_m + face_m / 2.0]);
-            self.blind[column] = (1.0 - share) * unevenness(x_m / self.pitch_m);
+            let (strength, shift_m) = ringing(x_m / self.pitch_m);
+            self.blind[column] = (1.0 - share) * strength;
+            self.ringing_shift_m[column] = shift_m;
         }
     }
 

@@ -4,7 +4,7 @@ use sonoloop_types::ProbeSpec;
 
 use crate::{
     beam::{Beam, NEPER_PER_DB, amplitude_from_db, pulse_loss_np},
-    fast::power_db,
+    fast::{exp_minus, power_db},
     lattice::mix,
     paths::Paths,
     tape::gaussian_tape,
@@ -17,8 +17,8 @@ const PASS: usize = 64;
 /// Ringing in the lens under a blind element: level over unit speckle, decay, spacing. [assumed]
 const RINGING_LEVEL_DB: f64 = 28.0;
 const RINGING_DECAY_DB_M: f64 = 5.5e3;
-const RINGING_SPACING_M: f64 = 0.9e-3;
-const RINGING_SIGMA_M: f64 = 0.15e-3;
+const RINGING_SPACING_M: f32 = 0.9e-3;
+const RINGING_SIGMA_M: f32 = 0.15e-3;
 /// Ringing is below the noise beyond this depth.
 const RINGING_DEPTH_M: f64 = 15e-3;
 
@@ -89,7 +89,8 @@ impl Display {
         let first = (hash % (NOISE_LENGTH - columns.min(NOISE_LENGTH)) as u64) as usize;
         let gain_db = if exposure.gain_db.is_finite() { exposure.gain_db } else { 0.0 };
         let level_db = (self.compensation_db(z_m) + gain_db.clamp(-200.0, 200.0)) as f32 - self.white_db;
-        let ringing = if paths.contact.any_blind { ringing(z_m) } else { 0.0 };
+        let contact = &paths.contact;
+        let ringing = if contact.any_blind { ringing_level(z_m) } else { 0.0 };
         let (above, below, share) = paths.row(row);
         let noise = self.noise.each_ref().map(|part| &part[first..]);
         // In short passes over a few pixels: the logarithm is one long chain, and several must be under way.
@@ -98,10 +99,17 @@ impl Display {
             let mut level = [0.0f32; PASS];
             let (re, im) = (&field.0[here.clone()], &field.1[here.clone()]);
             let (above, below) = (&above[here.clone()], &below[here.clone()]);
-            let (noise, blind) = (noise.map(|part| &part[here.clone()]), &paths.contact.blind[here.clone()]);
+            let noise = noise.map(|part| &part[here.clone()]);
+            let mut ring = [0.0f32; PASS];
+            if ringing > 0.0 {
+                let elements = contact.blind[here.clone()].iter().zip(&contact.ringing_shift_m[here.clone()]);
+                for (ring, (blind, shift_m)) in ring.iter_mut().zip(elements) {
+                    *ring = ringing * blind * band(z_m as f32 - shift_m);
+                }
+            }
             for (x, level) in level.iter_mut().enumerate().take(pixels.len()) {
                 let a = above[x] + share * (below[x] - above[x]);
-                let r = re[x] * a + noise[0][x] * self.noise_amplitude + blind[x] * ringing;
+                let r = re[x] * a + noise[0][x] * self.noise_amplitude + ring[x];
                 let i = im[x] * a + noise[1][x] * self.noise_amplitude;
                 *level = r * r + i * i;
             }
@@ -117,13 +125,17 @@ impl Display {
     }
 }
 
-/// Amplitude of the ringing bands at a depth; real, as the lens does not move.
-fn ringing(z_m: f64) -> f32 {
+/// Amplitude of the ringing at a depth; real, as the lens does not move.
+fn ringing_level(z_m: f64) -> f32 {
     if z_m > RINGING_DEPTH_M {
         return 0.0;
     }
+    amplitude_from_db(RINGING_LEVEL_DB - RINGING_DECAY_DB_M * z_m) as f32
+}
+
+/// Its bands: one per passage through the lens.
+fn band(z_m: f32) -> f32 {
     let from_band_m = z_m - (z_m / RINGING_SPACING_M).round() * RINGING_SPACING_M;
     let u = from_band_m / RINGING_SIGMA_M;
-    let band = 0.15 + 0.85 * libm::exp(-0.5 * u * u);
-    (band * amplitude_from_db(RINGING_LEVEL_DB - RINGING_DECAY_DB_M * z_m)) as f32
+    0.15 + 0.85 * exp_minus(0.5 * u * u)
 }
