@@ -60,6 +60,7 @@ impl Scene {
             needle: self.needle.clone(),
             needle_gain_db: 0.0,
             element_gap_m: vec![0.0; self.elements],
+            indentation: None,
             gain_db: 0.0,
         };
         self.sequence += 1;

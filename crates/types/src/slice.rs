@@ -1,4 +1,4 @@
-use crate::{NeedlePath, Pose};
+use crate::{Indentation, NeedlePath, Pose};
 
 /// All that an image depends on at one instant: what the world hands to the renderer.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +13,8 @@ pub struct Slice {
     pub needle_gain_db: f64,
     /// Air or missing gel between each element and the surface; 0 = in contact. One entry per element.
     pub element_gap_m: Vec<f32>,
+    /// How the tissue is pressed; `None` at rest. The needle is where its path says, pressed or not.
+    pub indentation: Option<Indentation>,
     /// Receiver gain on top of the probe's own; a disturbance or the user's knob.
     pub gain_db: f64,
 }

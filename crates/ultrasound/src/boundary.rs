@@ -5,7 +5,7 @@
 //! stands for the whole slice, the surface being a plane there; laterally facets interfere as the surface does. Every
 //! surface is rough as well; that part is a layer of stronger scatterers, made in `columns`.
 
-use sonoloop_types::{Pose, Vector};
+use sonoloop_types::{Indentation, Point, Slice, Vector};
 
 use crate::{
     beam::{Beam, NEPER_PER_DB, amplitude_from_db},
@@ -142,12 +142,12 @@ pub fn add_echoes(
     lattice: &Lattice,
     shear: &Shear,
     columns: &mut Columns,
-    phantom_from_probe: &Pose,
+    slice: &Slice,
     reverberates: bool,
     echoes: &mut Vec<Echo>,
 ) {
     let [lateral, elevational, down] =
-        [Vector::x(), Vector::y(), Vector::z()].map(|axis| phantom_from_probe * axis);
+        [Vector::x(), Vector::y(), Vector::z()].map(|axis| slice.phantom_from_probe * axis);
     let [dx_m, dy_m] = lattice.spacing_m();
     // A window across the plane makes the facets of several rows stand for one line; its weights sum to one.
     let window_m = WINDOW * dy_m;
@@ -156,25 +156,35 @@ pub fn add_echoes(
     let level = plane * dx_m * dy_m * down.z.abs() / (core::f64::consts::TAU * window_m);
     let deepest_m = shear.rows as f64 * shear.row_step_m;
     let drift_m = [0.0, -shear.elevation_slope * deepest_m];
-    let elevations_m = [drift_m[0].min(drift_m[1]) - reach_m, drift_m[0].max(drift_m[1]) + reach_m];
+    // Moved columns come from farther away.
+    let moved_reach_m = reach_m + slice.indentation.map_or(0.0, |i| i.depth_m.abs());
+    let elevations_m =
+        [drift_m[0].min(drift_m[1]) - moved_reach_m, drift_m[0].max(drift_m[1]) + moved_reach_m];
     for [ix, iy] in shear.columns_across(elevations_m) {
         // Only where the column is near the plane.
         let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
         let [high_m, low_m] =
-            shear.elevations_at(e_m, reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
+            shear.elevations_at(e_m, moved_reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
         for facet in columns.facets(ix, iy) {
             if facet.z_m < low_m || facet.z_m > high_m {
                 continue;
             }
             let row = top_row + lattice.index_at(facet.z_m);
-            let z_m = row * shear.row_step_m;
-            let e_m = e_m + shear.elevation_slope * z_m;
-            let x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
+            let mut z_m = row * shear.row_step_m;
+            let mut e_m = e_m + shear.elevation_slope * z_m;
+            let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
+            let mut normal = Vector::new(-facet.slope[0], -facet.slope[1], 1.0);
+            if let Some(indentation) = &slice.indentation {
+                let [column_x_m, column_y_m] = lattice.column_m(ix, iy);
+                let moved = moved(indentation, Point::new(column_x_m, column_y_m, facet.z_m), facet.slope);
+                [x_m, e_m, z_m] = [(x_m, lateral), (e_m, elevational), (z_m, down)]
+                    .map(|(at_rest_m, axis)| at_rest_m + moved.by_m.dot(&axis));
+                normal = moved.normal;
+            }
             if z_m < 0.0 || e_m.abs() > reach_m || x_m.abs() > shear.reach_m {
                 continue;
             }
             // Depth changes by this along the surface, laterally and in elevation.
-            let normal = Vector::new(-facet.slope[0], -facet.slope[1], 1.0);
             let towards = normal.dot(&down);
             let [g_l, g_e] = [lateral, elevational].map(|axis| -normal.dot(&axis) / towards);
             let sigma_m = [beam.sigma_lateral_m * beam.widening(x_m, z_m), beam.sigma_elevation_m(z_m)];
@@ -199,4 +209,20 @@ pub fn add_echoes(
             }
         }
     }
+}
+
+/// How far a patch of a surface has moved, and the normal that it has now; of any length, phantom frame.
+struct Moved {
+    by_m: Vector,
+    normal: Vector,
+}
+
+fn moved(indentation: &Indentation, rest: Point, slope: [f64; 2]) -> Moved {
+    const STEP_M: f64 = 0.1e-3;
+    let by_m = indentation.displacement_m(rest);
+    let along = |x: f64, y: f64| {
+        let tangent = Vector::new(x, y, x * slope[0] + y * slope[1]);
+        tangent + (indentation.displacement_m(rest + tangent * STEP_M) - by_m) / STEP_M
+    };
+    Moved { by_m, normal: along(1.0, 0.0).cross(&along(0.0, 1.0)) }
 }

@@ -137,6 +137,11 @@ impl Columns {
         self.stretches_of.half
     }
 
+    /// Height of the phantom.
+    pub fn thickness_m(&self) -> f64 {
+        self.tissue.size_m()[2]
+    }
+
     /// The stretches of a column from the top down.
     pub fn stretches(&self, range: Range) -> &[Stretch] {
         &self.stretches[range.first as usize..][..range.count as usize]

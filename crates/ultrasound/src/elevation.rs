@@ -116,6 +116,14 @@ impl ElevationTable {
         Some((Crossing { block: block as u32, first, end }, rows))
     }
 
+    /// Weight of a scatterer `e_m` beside the plane at a row, or next to the last one; `None` where it is left out.
+    #[inline(always)]
+    pub fn weight(&self, row: usize, e_m: f32) -> Option<f32> {
+        let row = row.min(self.reach_m.len() - 1);
+        let shows = e_m.abs() <= self.reach_m[row];
+        shows.then(|| self.peak[row] * exp_minus(e_m * e_m * self.decay[row]))
+    }
+
     /// The runs of a crossing, and the weights they refer to.
     pub fn runs(&self, crossing: Crossing) -> (&[Run], &[f32]) {
         let block = &self.blocks[crossing.block as usize];

@@ -71,6 +71,7 @@ mod march;
 mod needle;
 mod occlusion;
 mod paths;
+mod points;
 pub mod reference;
 mod renderer;
 mod shear;

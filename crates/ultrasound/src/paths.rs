@@ -6,7 +6,7 @@
 //! exp(−loss): so a shadow has a penumbra and fills with depth, and blind elements dim what they would have
 //! seen. Sound goes both ways through the same paths; the field takes the square.
 
-use sonoloop_types::{Point, Pose, ProbeSpec, Slice, Vector};
+use sonoloop_types::{Indentation, Point, Pose, ProbeSpec, Slice, Vector};
 
 use crate::{
     beam::{Beam, pulse_loss_np},
@@ -117,7 +117,13 @@ impl Paths {
     }
 
     /// Loss and delay of every step, read off the tissue's columns.
-    pub fn sample(&mut self, lattice: &Lattice, tissue: &mut Columns, phantom_from_probe: &Pose) {
+    pub fn sample(
+        &mut self,
+        lattice: &Lattice,
+        tissue: &mut Columns,
+        phantom_from_probe: &Pose,
+        indentation: Option<&Indentation>,
+    ) {
         let across = self.plane.knots_across();
         // Losses until all are known.
         self.step_transmission.fill(0.0);
@@ -135,9 +141,12 @@ impl Paths {
             let mut point = phantom_from_probe * Point::new(self.plane.knot_x_m(i), 0.0, step_m / 2.0);
             let mut column = None;
             let mut stretches: &[Stretch] = &[];
+            let mut moved_m = Vector::zeros();
             for row in 1..self.plane.knots_down() {
-                let indices = lattice.nearest(point.x, point.y);
-                let from = lattice.index_at(point.z) as f32 - per_step / 2.0;
+                let rest = indentation.map_or(point, |i| i.rest(point, point - moved_m, 2));
+                moved_m = point - rest;
+                let indices = lattice.nearest(rest.x, rest.y);
+                let from = lattice.index_at(rest.z) as f32 - per_step / 2.0;
                 let to = from + per_step;
                 if column != Some(indices) {
                     column = Some(indices);

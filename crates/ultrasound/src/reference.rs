@@ -3,7 +3,7 @@
 //! It shares with the fast renderer what defines the scene (beam widths, lattice, tape, needle echoes) and
 //! nothing of how the sum is done. Seconds per picture; for tests.
 
-use sonoloop_types::{NeedleSpec, Point, ProbeSpec, Slice, Tissue};
+use sonoloop_types::{NeedleSpec, Point, ProbeSpec, Slice, Tissue, Vector};
 
 use crate::{
     beam::{Beam, amplitude_from_db, unit_energy_peak},
@@ -84,7 +84,7 @@ pub fn field(
     let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
     let mut paths = Paths::new(&beam, probe, frame.plane());
     let mut columns = Columns::new(tissue.clone(), lattice, probe);
-    paths.sample(&lattice, &mut columns, &slice.phantom_from_probe);
+    paths.sample(&lattice, &mut columns, &slice.phantom_from_probe, slice.indentation.as_ref());
     paths.build(&beam, slice, needle.outer_diameter_m);
     let mut canvas =
         Canvas { beam: &beam, paths: &paths, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
@@ -112,7 +112,9 @@ pub fn field(
                     if z_m > segment.top_z_m {
                         continue;
                     }
-                    let p = probe_from_phantom * Point::new(x_m, y_m, z_m);
+                    let rest = Point::new(x_m, y_m, z_m);
+                    let moved_m = slice.indentation.map_or(Vector::zeros(), |i| i.displacement_m(rest));
+                    let p = probe_from_phantom * (rest + moved_m);
                     if p.z < 0.0 || p.z > frame.deepest_m() + REACH * beam.sigma_axial_m {
                         continue;
                     }

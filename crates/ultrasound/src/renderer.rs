@@ -1,7 +1,9 @@
 //! The stages in order.
 
 use rayon::prelude::*;
-use sonoloop_types::{Image, ImageGeometry, NeedlePath, NeedleSpec, Pose, ProbeSpec, Slice, Tissue};
+use sonoloop_types::{
+    Image, ImageGeometry, Indentation, NeedlePath, NeedleSpec, Pose, ProbeSpec, Slice, Tissue,
+};
 
 use crate::{
     axial::{AxialScratch, BLOCK},
@@ -16,6 +18,7 @@ use crate::{
     lattice::Lattice,
     needle::NeedleEchoes,
     paths::{Paths, Plane},
+    points::{self, Points},
     shear::Shear,
     splat::{Grid, Sources},
     stamp::{Layout, Stamps},
@@ -41,6 +44,7 @@ pub struct Renderer {
     tape: BakedTape,
     elevation: ElevationTable,
     jobs: Jobs,
+    points: Points,
     grid: Grid,
     needle_diameter_m: f64,
     needle: NeedleEchoes,
@@ -60,13 +64,15 @@ struct Scene {
     needle: Option<NeedlePath>,
     needle_gain_db: f64,
     element_gap_m: Vec<f32>,
+    indentation: Option<Indentation>,
 }
 
 impl Scene {
     fn of(slice: &Slice) -> Self {
-        let Slice { phantom_from_probe, ref needle, needle_gain_db, ref element_gap_m, .. } = *slice;
+        let Slice { phantom_from_probe, ref needle, needle_gain_db, ref element_gap_m, indentation, .. } =
+            *slice;
         let (needle, element_gap_m) = (needle.clone(), element_gap_m.clone());
-        Self { phantom_from_probe, needle, needle_gain_db, element_gap_m }
+        Self { phantom_from_probe, needle, needle_gain_db, element_gap_m, indentation }
     }
 }
 
@@ -145,6 +151,7 @@ impl Renderer {
             tape: BakedTape::new(seed),
             elevation: ElevationTable::default(),
             jobs: Jobs::default(),
+            points: Points::default(),
             grid: Grid::default(),
             needle_diameter_m: needle.outer_diameter_m,
             needle: NeedleEchoes::new(&needle, &beam, &probe, seed),
@@ -269,20 +276,24 @@ impl Renderer {
                 needle.build(beam, tape, slice);
             },
             || {
-                paths.sample(lattice, tissue, pose);
+                paths.sample(lattice, tissue, pose, slice.indentation.as_ref());
                 surfaces.clear();
                 if let Some(shear) = shear {
                     let reverberates = self.probe.effects.reverberation;
-                    boundary::add_echoes(beam, lattice, shear, tissue, pose, reverberates, surfaces);
+                    boundary::add_echoes(beam, lattice, shear, tissue, slice, reverberates, surfaces);
                 }
             },
         );
-        let Self { jobs, grid, stamps, .. } = self;
+        let Self { jobs, points, grid, stamps, .. } = self;
         let (tape, elevation) = (&*tape, &*elevation);
         // The grid's tasks are there for whoever is done first.
         rayon::join(
             || {
-                if let Some(shear) = shear {
+                let Some(shear) = shear else { return };
+                if let Some(indentation) = &slice.indentation {
+                    let model = points::Model { beam, tape, elevation, shear };
+                    points.fill(model, lattice, tissue, pose, indentation, grid);
+                } else {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
                     jobs.build(shear, lattice, elevation, tissue, tape, phase_per_row_rad);
                     grid.fill(shear, jobs, Sources { tape, elevation, columns: tissue });

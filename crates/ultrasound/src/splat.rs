@@ -25,8 +25,9 @@ pub struct Grid {
     scratch: Vec<Scratch>,
 }
 
+/// Some neighbouring lines of the grid.
 #[derive(Default)]
-struct Band {
+pub struct Band {
     /// Rows that any column reaches, whole strides.
     lo: usize,
     hi: usize,
@@ -64,6 +65,12 @@ impl Grid {
         });
     }
 
+    /// The bands of so many lines, to be filled one by one.
+    pub fn bands(&mut self, lines: usize) -> &mut [Band] {
+        self.bands.resize_with(lines.div_ceil(BAND), Band::default);
+        &mut self.bands
+    }
+
     /// Copies [`CHUNK`] rows from `row` on, a multiple of it, of the bands from `first_band` on; zero beyond the
     /// grid. `out` holds, per row, the real parts of all those lines, then the imaginary ones.
     pub fn copy_chunk(&self, row: usize, first_band: i64, out: &mut [f32]) {
@@ -90,6 +97,18 @@ impl Grid {
 }
 
 impl Band {
+    /// Fills all rows of all lines. `add` gets the lines one after another and the values per part: real ones, then
+    /// imaginary ones, each with `margin` rows more at both ends, which are dropped.
+    pub fn fill_whole(&mut self, rows: usize, margin: usize, add: impl FnOnce(&mut [f32], usize)) {
+        let stride = rows + 2 * margin;
+        let mut by_line = vec![0.0; BAND * 2 * stride];
+        add(&mut by_line, stride);
+        (self.lo, self.hi) = (0, rows);
+        self.rows.resize(rows * 2 * BAND, 0.0);
+        transpose(&by_line[margin..], 2 * stride, rows, &mut self.rows);
+        transpose(&by_line[stride + margin..], 2 * stride, rows, &mut self.rows[BAND..]);
+    }
+
     fn fill(&mut self, first: usize, lines: usize, jobs: &Jobs, sources: Sources, scratch: &mut Scratch) {
         let from = jobs.starts[first.saturating_sub(1)] as usize;
         let jobs_here = &jobs.sorted[from..jobs.starts[first + lines] as usize];

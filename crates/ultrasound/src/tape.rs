@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use crate::{beam::Beam, lattice::TAPE_LENGTH};
 
 /// Taps of a delay filter, centred.
-const TAPS: usize = 9;
-const REACH: usize = TAPS / 2;
+pub const DELAY_TAPS: usize = 9;
+pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 /// Samples filtered together.
 const BLOCK: usize = 16;
 
@@ -37,7 +37,7 @@ pub struct BakedTape {
     lateral_slope: f64,
     /// exp(+i·2k·q·step) for q below the tape's length.
     carrier: Vec<[f64; 2]>,
-    /// The raw tape times its carrier, `REACH` samples longer at both ends.
+    /// The raw tape times its carrier, `DELAY_REACH` samples longer at both ends.
     modulated: [Vec<f32>; 2],
     /// `sub_delays` stretches of `stride` samples, each packed by [`pack`].
     pub samples: Vec<u32>,
@@ -45,6 +45,8 @@ pub struct BakedTape {
     pub stride: usize,
     /// Delays per row step.
     pub sub_delays: usize,
+    /// What spreads a scatterer over rows, by delay: taps from `DELAY_REACH` rows above on.
+    pub delay_filters: Vec<[f32; DELAY_TAPS]>,
 }
 
 impl BakedTape {
@@ -58,6 +60,7 @@ impl BakedTape {
             samples: Vec::new(),
             stride: 0,
             sub_delays: 0,
+            delay_filters: Vec::new(),
         }
     }
 
@@ -79,13 +82,13 @@ impl BakedTape {
         }
         (self.row_step_m, self.lateral_slope, self.stride) = (row_step_m, lateral_slope, stride);
         self.modulate(beam.two_k_rad_m * row_step_m);
-        let filters = delay_filters(beam, row_step_m, lateral_slope);
-        self.sub_delays = filters.len();
-        self.samples.resize(filters.len() * stride, 0);
-        let modulated = &self.modulated;
+        self.delay_filters = delay_filters(beam, row_step_m, lateral_slope);
+        self.sub_delays = self.delay_filters.len();
+        self.samples.resize(self.sub_delays * stride, 0);
+        let (modulated, filters) = (&self.modulated, &self.delay_filters);
         self.samples
             .par_chunks_mut(stride)
-            .zip(&filters)
+            .zip(filters)
             .for_each(|(samples, filter)| filter_samples(samples, modulated, filter));
     }
 
@@ -98,21 +101,21 @@ impl BakedTape {
         };
         let fine: Vec<[f64; 2]> = (0..STRETCH).map(|q| turn(q as f64)).collect();
         // Up to a whole block of the delay filters.
-        let length = self.stride.next_multiple_of(BLOCK) + 2 * REACH;
+        let length = self.stride.next_multiple_of(BLOCK) + 2 * DELAY_REACH;
         self.carrier.clear();
         for part in &mut self.modulated {
             part.clear();
             part.reserve(length);
         }
         for stretch in 0..length.div_ceil(STRETCH) {
-            let [c, s] = turn((stretch * STRETCH) as f64 - REACH as f64);
+            let [c, s] = turn((stretch * STRETCH) as f64 - DELAY_REACH as f64);
             for (i, &[fine_c, fine_s]) in fine.iter().enumerate().take(length - stretch * STRETCH) {
                 let sample = stretch * STRETCH + i;
                 let (cos, sin) = (c * fine_c - s * fine_s, s * fine_c + c * fine_s);
-                let [re, im] = self.raw[(sample + TAPE_LENGTH - REACH) % TAPE_LENGTH].map(f64::from);
+                let [re, im] = self.raw[(sample + TAPE_LENGTH - DELAY_REACH) % TAPE_LENGTH].map(f64::from);
                 self.modulated[0].push((re * cos + im * sin) as f32);
                 self.modulated[1].push((im * cos - re * sin) as f32);
-                if (REACH..REACH + TAPE_LENGTH).contains(&sample) {
+                if (DELAY_REACH..DELAY_REACH + TAPE_LENGTH).contains(&sample) {
                     self.carrier.push([cos, sin]);
                 }
             }
@@ -120,12 +123,12 @@ impl BakedTape {
     }
 }
 
-fn filter_samples(out: &mut [u32], [re, im]: &[Vec<f32>; 2], filter: &[f32; TAPS]) {
+fn filter_samples(out: &mut [u32], [re, im]: &[Vec<f32>; 2], filter: &[f32; DELAY_TAPS]) {
     for (index, out) in out.chunks_mut(BLOCK).enumerate() {
         let (mut sum_re, mut sum_im) = ([0.0f32; BLOCK], [0.0f32; BLOCK]);
         for (m, &tap) in filter.iter().enumerate() {
-            // out[q] = Σ_m K[m]·t[q − m], m from −REACH; the modulated tape starts REACH samples early.
-            let first = index * BLOCK + TAPS - 1 - m;
+            // out[q] = Σ_m K[m]·t[q − m], m from −DELAY_REACH; the modulated tape starts DELAY_REACH samples early.
+            let first = index * BLOCK + DELAY_TAPS - 1 - m;
             for (s, &t) in sum_re.iter_mut().zip(&re[first..][..BLOCK]) {
                 *s += tap * t;
             }
@@ -155,7 +158,7 @@ pub fn unpack(sample: u32) -> [f32; 2] {
 /// Least-squares delay filters: K_s minimises ∬|PSF(shifted by s/S rows) − Σ_m K_s[m]·PSF(shifted by m)|²,
 /// the shifts running along the sheared line, where the point spread is a Gaussian of
 /// 1/σ² = 1/σ_z² + slope²/σ_l². Sub-delay s of S stands for the fraction s/S − ½.
-fn delay_filters(beam: &Beam, row_step_m: f64, lateral_slope: f64) -> Vec<[f32; TAPS]> {
+fn delay_filters(beam: &Beam, row_step_m: f64, lateral_slope: f64) -> Vec<[f32; DELAY_TAPS]> {
     let [z, l] = [1.0 / beam.sigma_axial_m, lateral_slope / beam.sigma_lateral_m];
     // Overlap of two Gaussians of σ at distance d is exp(−d²/4σ²).
     let decay = row_step_m * row_step_m * (z * z + l * l) / 4.0;
@@ -169,19 +172,19 @@ fn delay_filters(beam: &Beam, row_step_m: f64, lateral_slope: f64) -> Vec<[f32; 
     (0..sub_delays)
         .map(|s| {
             let fraction = s as f64 / sub_delays as f64 - 0.5;
-            let wanted = core::array::from_fn(|m| overlap(m as f64 - REACH as f64 - fraction));
+            let wanted = core::array::from_fn(|m| overlap(m as f64 - DELAY_REACH as f64 - fraction));
             let taps = solve(&lower, wanted);
             core::array::from_fn(|m| taps[m] as f32)
         })
         .collect()
 }
 
-type Matrix = [[f64; TAPS]; TAPS];
+type Matrix = [[f64; DELAY_TAPS]; DELAY_TAPS];
 
 /// Lower factor L of a positive definite matrix L·Lᵀ. Written out so that the order of sums is ours.
 fn cholesky(matrix: &Matrix) -> Matrix {
-    let mut lower = [[0.0; TAPS]; TAPS];
-    for i in 0..TAPS {
+    let mut lower = [[0.0; DELAY_TAPS]; DELAY_TAPS];
+    for i in 0..DELAY_TAPS {
         for j in 0..=i {
             let known: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
             let rest = matrix[i][j] - known;
@@ -191,13 +194,13 @@ fn cholesky(matrix: &Matrix) -> Matrix {
     lower
 }
 
-fn solve(lower: &Matrix, mut v: [f64; TAPS]) -> [f64; TAPS] {
-    for i in 0..TAPS {
+fn solve(lower: &Matrix, mut v: [f64; DELAY_TAPS]) -> [f64; DELAY_TAPS] {
+    for i in 0..DELAY_TAPS {
         let known: f64 = (0..i).map(|k| lower[i][k] * v[k]).sum();
         v[i] = (v[i] - known) / lower[i][i];
     }
-    for i in (0..TAPS).rev() {
-        let known: f64 = (i + 1..TAPS).map(|k| lower[k][i] * v[k]).sum();
+    for i in (0..DELAY_TAPS).rev() {
+        let known: f64 = (i + 1..DELAY_TAPS).map(|k| lower[k][i] * v[k]).sum();
         v[i] = (v[i] - known) / lower[i][i];
     }
     v

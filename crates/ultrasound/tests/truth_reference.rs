@@ -3,7 +3,7 @@
 mod common;
 
 use common::{material, needle, pose, probe, slice};
-use sonoloop_types::{ColumnSegment, Pose, Precision, ProbeSpec, Slice, Tissue};
+use sonoloop_types::{ColumnSegment, Indentation, Pose, Precision, ProbeSpec, Slice, Tissue};
 use sonoloop_ultrasound::{Renderer, reference};
 
 /// The first half millimetre is left out: a scatterer next to the face is drawn by rows above it too, and there are
@@ -79,12 +79,45 @@ fn truth_under_tilt_of_30_degrees_both_ways() {
     check(pose(0.0, 0.0, -12.0, 20.0, -30.0, 30.0));
 }
 
+/// Pressed by 3 mm: strained by up to 15 %, and flowing aside.
+fn pressed(pose: Pose) -> Slice {
+    let at = pose.translation.vector;
+    let indentation = Indentation {
+        x_m: at.x,
+        y_m: at.y,
+        yaw_rad: 0.3,
+        half_size_m: [24e-3, 6e-3],
+        depth_m: 3e-3,
+        thickness_m: 0.06,
+    };
+    Slice { indentation: Some(indentation), ..slice(pose) }
+}
+
+#[test]
+fn truth_of_pressed_tissue() {
+    for pose in [
+        pose(0.123, -0.345, -3.0, 0.0, 0.0, 0.0),
+        pose(0.31, 0.12, -3.2, 33.0, 6.0, -8.0),
+        pose(0.0, 0.0, -12.0, 20.0, -30.0, 30.0),
+    ] {
+        let error = relative_error(&probe(), &half_gel(), &pressed(pose));
+        println!("{:.2} % pressed, at {:?}", error * 100.0, pose.translation.vector);
+        assert!(error <= 0.05, "error {error:.4} over 5 %");
+    }
+}
+
+#[test]
+fn truth_of_pressed_layers() {
+    let error = relative_error(&probe(), &layers(), &pressed(pose(0.31, 0.12, -3.0, 20.0, -8.0, 6.0)));
+    println!("{:.2} % through pressed layers", error * 100.0);
+    assert!(error <= 0.05, "error {error:.4} over 5 %");
+}
+
 /// Layers of three materials, the middle one silent, with bounds that follow x: most columns change their material in
 /// mid-run.
-#[test]
-fn truth_through_layers_and_a_silent_gap() {
+fn layers() -> Tissue {
     let materials = vec![material(Some(0.0), 0.5), material(None, 0.5), material(Some(6.0), 0.5)];
-    let layers = Tissue::new([0.06, 0.06, 0.06], materials, |x, y, out| {
+    Tissue::new([0.06, 0.06, 0.06], materials, |x, y, out| {
         if (-0.002..0.025).contains(&x) && y.abs() < 0.03 {
             let bounds_m = [0.0, -0.011 + 0.2 * x, -0.0193 - 0.1 * x, -0.06];
             for (material, ends) in bounds_m.windows(2).enumerate() {
@@ -92,9 +125,13 @@ fn truth_through_layers_and_a_silent_gap() {
                 out.push(ColumnSegment { top_z_m, bottom_z_m, material: material as u16 });
             }
         }
-    });
+    })
+}
+
+#[test]
+fn truth_through_layers_and_a_silent_gap() {
     for pose in [pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), pose(0.31, 0.12, -3.0, 20.0, -8.0, 6.0)] {
-        let error = relative_error(&probe(), &layers, &slice(pose));
+        let error = relative_error(&probe(), &layers(), &slice(pose));
         println!("{:.2} % through layers", error * 100.0);
         assert!(error <= 0.05, "error {error:.4} over 5 %");
     }

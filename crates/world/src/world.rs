@@ -178,6 +178,7 @@ impl World {
                 .model
                 .contact
                 .element_gaps_m(&state.world_from_probe, &self.model.scenario.probe),
+            indentation: None,
             gain_db: state.timeline.gain_db,
         }
     }

@@ -68,6 +68,7 @@ impl View {
             needle: self.needle.map(|needle| needle.path(&phantom_from_probe)),
             needle_gain_db: 0.0,
             element_gap_m: (0..probe.elements).map(gap_m).collect(),
+            indentation: None,
             gain_db: self.gain_db,
         }
     }
