@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use sonoloop_types::{Image, NeedlePath, NeedleSpec, Point, Pose, ProbeSpec, Slice, Tissue, Vector};
+use sonoloop_types::{
+    Image, Indentation, NeedlePath, NeedleSpec, Point, Pose, ProbeSpec, Slice, Tissue, Vector,
+};
 use sonoloop_ultrasound::Renderer;
 
 /// A file of the repository.
@@ -25,6 +27,8 @@ pub struct Scene {
     renderer: Renderer,
     needle: Option<NeedlePath>,
     elements: usize,
+    /// How far the probe presses the tissue.
+    pub press_m: f64,
     image: Image,
     sequence: u64,
 }
@@ -47,6 +51,7 @@ impl Scene {
             elements: probe.elements as usize,
             renderer: Renderer::new(probe, needle, tissue, 0),
             needle: needle_angle_deg.map(|deg| path(deg.to_radians())),
+            press_m: 0.0,
             image: Image::black(geometry.width_px, geometry.height_px),
             sequence: 0,
         }
@@ -54,13 +59,22 @@ impl Scene {
 
     /// Renders the next image from a pose.
     pub fn render(&mut self, phantom_from_probe: Pose) -> &Image {
+        let at = phantom_from_probe.translation.vector;
+        let indentation = Indentation {
+            x_m: at.x,
+            y_m: at.y,
+            yaw_rad: 0.0,
+            half_size_m: [24e-3, 6e-3],
+            depth_m: self.press_m,
+            thickness_m: 60e-3,
+        };
         let slice = Slice {
             sequence: self.sequence,
             phantom_from_probe,
             needle: self.needle.clone(),
             needle_gain_db: 0.0,
             element_gap_m: vec![0.0; self.elements],
-            indentation: None,
+            indentation: (self.press_m > 0.0).then_some(indentation),
             gain_db: 0.0,
         };
         self.sequence += 1;

@@ -45,6 +45,22 @@ fn sliding<const THREADS: usize>(bencher: Bencher, name: &str) {
     move_probe(bencher, THREADS, name, 0.0);
 }
 
+/// The probe presses by 2 mm and slides: every scatterer by itself.
+#[divan::bench(consts = [1, 2], sample_count = 60)]
+fn pressed<const THREADS: usize>(bencher: Bencher) {
+    let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("threads");
+    let mut scene = Scene::new(Some(40.0));
+    scene.press_m = 2e-3;
+    let mut step = 0;
+    bencher.bench_local(|| {
+        step += 1;
+        let mut pose = pose([0.013 * f64::from(step % 64), 0.0], 0.0, [0.0, 0.0]);
+        pose.translation.vector.z = -scene.press_m;
+        pool.install(|| scene.render(pose).pixels[0])
+    });
+}
+
+/// Only the electronic noise changes.
 #[divan::bench(consts = [1, 2], sample_count = 60)]
 fn at_rest<const THREADS: usize>(bencher: Bencher) {
     let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("threads");

@@ -9,7 +9,7 @@ const EDGE_M: f64 = 5e-3;
 ///
 /// The top face sinks by `depth_m` under the probe's face, less beside it, and the bottom rests:
 /// u_z = −δ·f(z)·X(x)·Y(y) with f″ = f/L². A probe's face is long and narrow, so what is pressed away leaves by its long
-/// sides: u_y follows from a divergence of zero, and u_x is zero. x runs along the face, y across it. [derived] from
+/// sides: u_y follows from a divergence of zero, and u_x is zero. x runs along the face, y across it. Derived from
 /// these assumptions; there is no memory, so it returns as it went.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Indentation {

@@ -29,6 +29,14 @@ pub struct Crossing {
     end: u32,
 }
 
+/// The slice at one row: 1/2σ², the weight at e = 0, and where it ends.
+#[derive(Debug, Clone, Copy)]
+pub struct RowProfile {
+    pub decay: f32,
+    pub peak: f32,
+    pub reach_m: f32,
+}
+
 #[derive(Default)]
 struct Block {
     runs: Vec<Run>,
@@ -116,12 +124,10 @@ impl ElevationTable {
         Some((Crossing { block: block as u32, first, end }, rows))
     }
 
-    /// Weight of a scatterer `e_m` beside the plane at a row, or next to the last one; `None` where it is left out.
-    #[inline(always)]
-    pub fn weight(&self, row: usize, e_m: f32) -> Option<f32> {
-        let row = row.min(self.reach_m.len() - 1);
-        let shows = e_m.abs() <= self.reach_m[row];
-        shows.then(|| self.peak[row] * exp_minus(e_m * e_m * self.decay[row]))
+    /// The slice next to a depth in rows.
+    pub fn profile(&self, row: f64) -> RowProfile {
+        let row = ((row.max(0.0) + 0.5) as usize).min(self.reach_m.len() - 1);
+        RowProfile { decay: self.decay[row], peak: self.peak[row], reach_m: self.reach_m[row] }
     }
 
     /// The runs of a crossing, and the weights they refer to.

@@ -29,6 +29,26 @@ pub fn power_db(power: f32) -> f32 {
     DB_PER_OCTAVE * (exponent as f32 + log2)
 }
 
+/// Cosine and sine of 2π·`turns`, for |turns| below 2²², to 2e-6 of a full swing: Taylor polynomials of the half of the
+/// angle that is left after whole turns, doubled.
+#[inline(always)]
+pub fn turn(turns: f32) -> [f32; 2] {
+    // Adding 1.5·2²³ rounds to the nearest whole number.
+    const WHOLE: f32 = 12_582_912.0;
+    let half = core::f32::consts::PI * (turns - ((turns + WHOLE) - WHOLE));
+    let y = half * half;
+    let sin = half
+        * (1.0
+            - y * (1.0 / 6.0
+                - y * (1.0 / 120.0 - y * (1.0 / 5040.0 - y * (1.0 / 362_880.0 - y * (1.0 / 39_916_800.0))))));
+    let cos = 1.0
+        - y * (0.5
+            - y * (1.0 / 24.0
+                - y * (1.0 / 720.0
+                    - y * (1.0 / 40_320.0 - y * (1.0 / 3_628_800.0 - y * (1.0 / 479_001_600.0))))));
+    [1.0 - 2.0 * sin * sin, 2.0 * sin * cos]
+}
+
 /// Largest whole number at or below `v`, for |v| below 2⁴⁰. SSE2 has no rounding, and a call per column tells.
 #[inline(always)]
 pub fn floor(v: f64) -> i64 {
@@ -38,7 +58,7 @@ pub fn floor(v: f64) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{exp_minus, power_db};
+    use super::{exp_minus, power_db, turn};
 
     #[test]
     fn truth_fast_exponential_follows_libm() {
@@ -46,6 +66,16 @@ mod tests {
             let x = i as f32 * 0.01;
             let exact = libm::exp(-f64::from(x));
             assert!((f64::from(exp_minus(x)) / exact - 1.0).abs() < 1e-4, "at {x}");
+        }
+    }
+
+    #[test]
+    fn truth_fast_turns_follow_libm() {
+        for i in -3000..3000 {
+            let turns = i as f32 * 0.003;
+            let (sin, cos) = libm::sincos(core::f64::consts::TAU * f64::from(turns));
+            let [fast_cos, fast_sin] = turn(turns).map(f64::from);
+            assert!((fast_cos - cos).abs() < 2e-6 && (fast_sin - sin).abs() < 2e-6, "at {turns}");
         }
     }
 

@@ -143,7 +143,7 @@ impl Paths {
             let mut stretches: &[Stretch] = &[];
             let mut moved_m = Vector::zeros();
             for row in 1..self.plane.knots_down() {
-                let rest = indentation.map_or(point, |i| i.rest(point, point - moved_m, 2));
+                let rest = indentation.map_or(point, |i| i.rest(point, point - moved_m, 1));
                 moved_m = point - rest;
                 let indices = lattice.nearest(rest.x, rest.y);
                 let from = lattice.index_at(rest.z) as f32 - per_step / 2.0;

@@ -1,7 +1,8 @@
 //! Moved tissue: scatterer by scatterer, each where it has gone.
 //!
-//! Columns are straight no more, so nothing is shared along them; what is kept are the grid, the delay filters that
-//! spread a scatterer over rows, and the beam filters after that. Three to five times slower than columns at rest.
+//! Columns are straight no more, so no table serves them all; what is kept are the grid, the delay filters that spread a
+//! scatterer over rows, and the beam filters after that. Eight scatterers of a column go together: between the first and
+//! the last of them (0.5 mm) their motion is taken as even.
 
 use rayon::prelude::*;
 use sonoloop_types::{Indentation, Pose};
@@ -9,18 +10,21 @@ use sonoloop_types::{Indentation, Pose};
 use crate::{
     beam::Beam,
     columns::{Columns, Range},
-    elevation::ElevationTable,
-    fast::floor,
+    elevation::{ElevationTable, RowProfile},
+    fast::{exp_minus, floor, turn},
     lattice::Lattice,
     shear::Shear,
     splat::{BAND, Grid},
     tape::{BakedTape, DELAY_REACH, DELAY_TAPS},
 };
 
-/// Rows before the grid's first and after its last that a scatterer may touch.
-const MARGIN: usize = DELAY_TAPS;
-/// Places on the circle at which sine and cosine are kept; between them the first order is exact to 5e-6.
-const TURNS: usize = 1024;
+/// Scatterers that go together.
+const GROUP: usize = 8;
+/// Rows that they may reach together, and the most that two of them may lie apart.
+const WINDOW: usize = 24;
+const SPREAD: i32 = (WINDOW - DELAY_TAPS) as i32;
+/// Rows before the grid's first and after its last that a group may touch.
+const MARGIN: usize = 2 * WINDOW;
 
 /// A column of the lattice, and how far its tissue has moved.
 struct Column {
@@ -52,7 +56,8 @@ pub struct Points {
     columns: Vec<Column>,
     /// By band of lines: the columns that reach it, in the lattice's order.
     by_band: Vec<Vec<u32>>,
-    turns: Vec<[f32; 2]>,
+    /// Delay filters with zeros around them, so that a window of rows at any distance can be read.
+    taps: Vec<[f32; 2 * WINDOW]>,
 }
 
 /// What a scatterer's echo is made of.
@@ -78,12 +83,12 @@ impl Points {
         let shear = model.shear;
         let motion = Motion::new(shear, lattice, tissue, phantom_from_probe, indentation);
         self.list(&motion, shear, model.elevation, lattice, tissue, indentation);
-        if self.turns.is_empty() {
-            self.turns.extend((0..TURNS).map(|i| {
-                let (sin, cos) = libm::sincos(core::f64::consts::TAU * (i as f64 + 0.5) / TURNS as f64);
-                [cos as f32, sin as f32]
-            }));
-        }
+        self.taps.clear();
+        self.taps.extend(model.tape.delay_filters.iter().map(|filter| {
+            let mut taps = [0.0; 2 * WINDOW];
+            taps[WINDOW..WINDOW + DELAY_TAPS].copy_from_slice(filter);
+            taps
+        }));
         let (this, tissue, motion) = (&*self, &*tissue, &motion);
         grid.bands(shear.lines).par_iter_mut().enumerate().for_each(|(index, band)| {
             let first = index * BAND;
@@ -157,67 +162,183 @@ impl Points {
         by_line: &mut [f32],
         stride: usize,
     ) {
-        let Model { beam, tape, elevation, shear } = model;
-        let turns_per_row = beam.two_k_rad_m * shear.row_step_m / core::f64::consts::TAU;
-        let sub_delays = tape.sub_delays as f64;
+        let Model { tape, elevation, shear, .. } = model;
         let rows = shear.rows as f64;
-        let lines_per_m = 1.0 / shear.line_pitch_m;
+        let end = motion.by_depth.len() as i32;
         for stretch in tissue.stretches(column.stretches).iter().filter(|s| s.amplitude != 0.0) {
-            for n in stretch.start..stretch.end.min(motion.by_depth.len() as i32) {
-                let [f, slope] = motion.by_depth[n as usize];
-                let (down_m, aside_m) = (column.down_m * f, column.aside_m * slope);
-                let moved_rows = down_m * motion.rows_per_m[0] + aside_m * motion.rows_per_m[1];
-                let row = column.top_row + f64::from(n) + moved_rows;
-                if row < -(DELAY_REACH as f64) {
+            for first in (stretch.start..stretch.end.min(end)).step_by(GROUP) {
+                let count = (stretch.end.min(end) - first).min(GROUP as i32) as usize;
+                let ends = [first, first + count as i32 - 1].map(|n| motion.place(shear, column, n));
+                if ends[1].row < -(DELAY_REACH as f64) {
                     continue;
                 }
-                if row > rows + DELAY_REACH as f64 - 1.0 {
+                if ends[0].row > rows + DELAY_REACH as f64 - 1.0 {
                     return;
                 }
-                let z_m = row * shear.row_step_m;
-                let nearest = (row.max(0.0) + 0.5) as usize;
-                let e_m = column.e_m + shear.elevation_slope * z_m + aside_m * motion.elevation_per_aside;
-                let Some(weight) = elevation.weight(nearest, e_m as f32) else { continue };
-                let sheared_m = column.x_m + aside_m * motion.lines_per_aside;
-                if (sheared_m + shear.lateral_slope * z_m).abs() > shear.reach_m {
+                let beside = |value: fn(&Place) -> f64, reach: f64| {
+                    let [a, b] = [value(&ends[0]), value(&ends[1])];
+                    a.min(b) > reach || a.max(b) < -reach
+                };
+                let [above, below] = ends.each_ref().map(|place| elevation.profile(place.row));
+                let reach_m = above.reach_m.max(below.reach_m);
+                if beside(|place| place.e_m, f64::from(reach_m)) || beside(|place| place.x_m, shear.reach_m) {
                     continue;
                 }
-                let place = (sheared_m - shear.first_line_m) * lines_per_m;
+                let place = 0.5 * (ends[0].line + ends[1].line);
                 let line = floor(place);
-                let fraction = (place - line as f64) as f32;
                 if line + 1 < lines.start as i64 || line >= lines.end as i64 {
                     continue;
                 }
-                let turn = row * turns_per_row;
-                let part = (turn - floor(turn) as f64) * TURNS as f64;
-                let knot = (part as usize).min(TURNS - 1);
-                let past = ((part - knot as f64 - 0.5) * (core::f64::consts::TAU / TURNS as f64)) as f32;
-                let [cos, sin] = self.turns[knot];
-                let (cos, sin) = (cos - sin * past, sin + cos * past);
-                let [re, im] = tape.raw(column.tape + n as usize);
-                let weight = weight * stretch.amplitude;
-                let (re, im) = (weight * (re * cos + im * sin), weight * (im * cos - re * sin));
-                let delays = floor(row * sub_delays + 0.5) + tape.sub_delays as i64 / 2;
-                let whole = floor(delays as f64 / sub_delays);
-                let taps = &tape.delay_filters[(delays - whole * tape.sub_delays as i64) as usize];
-                let first = (whole + (MARGIN - DELAY_REACH) as i64) as usize;
-                for (line, share) in [(line, 1.0 - fraction), (line + 1, fraction)] {
-                    if line < lines.start as i64 || line >= lines.end as i64 {
-                        continue;
+
+                let mut group = Group::new(column.tape + first as usize, tape);
+                let per_step = if count > 1 { 1.0 / (count - 1) as f32 } else { 0.0 };
+                let rows_apart = (ends[1].row - ends[0].row) as f32 * per_step;
+                let e_apart_m = (ends[1].e_m - ends[0].e_m) as f32 * per_step;
+                let turns = ends[0].row * model.turns_per_row();
+                let turns_apart = rows_apart * model.turns_per_row() as f32;
+                let weights = weights(&[above, below], reach_m, [ends[0].e_m as f32, e_apart_m], per_step);
+                group.weigh(&weights, stretch.amplitude, count);
+                group.turn((turns - floor(turns) as f64) as f32, turns_apart);
+                let whole_row = floor(ends[0].row);
+                let past = (ends[0].row - whole_row as f64) as f32;
+                group.place(past, rows_apart, tape.sub_delays);
+                let fraction = (place - line as f64) as f32;
+                let first_row = whole_row + (MARGIN - DELAY_REACH) as i64;
+                let mut done = 0;
+                while done < count {
+                    let base = group.row[done];
+                    let fits = |row: &&i32| (base..=base + SPREAD).contains(*row);
+                    let together = group.row[done..count].iter().take_while(fits).count();
+                    let part = group.spread(&self.taps, done..done + together, base);
+                    let first_row = (first_row + i64::from(base)) as usize;
+                    for (line, share) in [(line, 1.0 - fraction), (line + 1, fraction)] {
+                        if line < lines.start as i64 || line >= lines.end as i64 {
+                            continue;
+                        }
+                        let line = &mut by_line[(line as usize - lines.start) * 2 * stride..][..2 * stride];
+                        let (line_re, line_im) = line.split_at_mut(stride);
+                        for (out, part) in [(line_re, &part[0]), (line_im, &part[1])] {
+                            for (out, part) in out[first_row..][..WINDOW].iter_mut().zip(part) {
+                                *out += share * part;
+                            }
+                        }
                     }
-                    let line = &mut by_line[(line as usize - lines.start) * 2 * stride..][..2 * stride];
-                    let (line_re, line_im) = line.split_at_mut(stride);
-                    let (re, im) = (share * re, share * im);
-                    for (out, tap) in line_re[first..][..DELAY_TAPS].iter_mut().zip(taps) {
-                        *out += re * tap;
-                    }
-                    for (out, tap) in line_im[first..][..DELAY_TAPS].iter_mut().zip(taps) {
-                        *out += im * tap;
-                    }
+                    done += together;
                 }
             }
         }
     }
+}
+
+/// Echoes of some scatterers, and where they go.
+#[derive(Default)]
+struct Group {
+    re: [f32; GROUP],
+    im: [f32; GROUP],
+    row: [i32; GROUP],
+    sub_delay: [i32; GROUP],
+}
+
+/// 0, 1, 2, …
+const STEPS: [f32; GROUP] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+/// Weights of the slice for a group whose first and last scatterers meet these profiles.
+#[inline(always)]
+fn weights(
+    [above, below]: &[RowProfile; 2],
+    reach_m: f32,
+    [e_m, e_apart_m]: [f32; 2],
+    per_step: f32,
+) -> [f32; GROUP] {
+    let (decays, peaks) = (below.decay - above.decay, below.peak - above.peak);
+    STEPS.map(|step| {
+        let (share, e_m) = (step * per_step, e_m + step * e_apart_m);
+        let square = e_m * e_m;
+        let weight = (above.peak + share * peaks) * exp_minus(square * (above.decay + share * decays));
+        if square <= reach_m * reach_m { weight } else { 0.0 }
+    })
+}
+
+// Each step is a loop without branches, so that it vectorises.
+impl Group {
+    fn new(sample: usize, tape: &BakedTape) -> Self {
+        let mut group = Self::default();
+        for (i, (re, im)) in group.re.iter_mut().zip(&mut group.im).enumerate() {
+            [*re, *im] = tape.raw(sample + i);
+        }
+        group
+    }
+
+    #[inline(always)]
+    fn weigh(&mut self, weights: &[f32; GROUP], amplitude: f32, count: usize) {
+        for i in 0..GROUP {
+            let weight = if i < count { amplitude * weights[i] } else { 0.0 };
+            self.re[i] *= weight;
+            self.im[i] *= weight;
+        }
+    }
+
+    /// The phase of depth, −2π·turns.
+    #[inline(always)]
+    fn turn(&mut self, turns: f32, turns_apart: f32) {
+        let turned = STEPS.map(|step| turn(turns + step * turns_apart));
+        for (i, [cos, sin]) in turned.into_iter().enumerate() {
+            let (re, im) = (self.re[i], self.im[i]);
+            self.re[i] = re * cos + im * sin;
+            self.im[i] = im * cos - re * sin;
+        }
+    }
+
+    /// Rounds depths to delays of the tape's; sub-delay s stands for the fraction s/S − ½.
+    #[inline(always)]
+    fn place(&mut self, past: f32, rows_apart: f32, sub_delays: usize) {
+        let count = sub_delays as f32;
+        let per_row = 1.0 / count;
+        for i in 0..GROUP {
+            let delays = (past + STEPS[i] * rows_apart) * count + 0.5 + count / 2.0;
+            let delays = if delays > 0.0 { delays } else { 0.0 } as i32;
+            let row = ((delays as f32 + 0.5) * per_row) as i32;
+            self.row[i] = row;
+            self.sub_delay[i] = delays - row * sub_delays as i32;
+        }
+    }
+
+    /// Real and imaginary parts of the rows from `base` on.
+    #[inline(always)]
+    fn spread(
+        &self,
+        taps: &[[f32; 2 * WINDOW]],
+        part: core::ops::Range<usize>,
+        base: i32,
+    ) -> [[f32; WINDOW]; 2] {
+        let mut sum = [[0.0; WINDOW]; 2];
+        for i in part {
+            let taps = &taps[self.sub_delay[i] as usize][WINDOW - (self.row[i] - base) as usize..][..WINDOW];
+            let [re, im] = &mut sum;
+            for ((re, im), tap) in re.iter_mut().zip(im).zip(taps) {
+                *re += self.re[i] * tap;
+                *im += self.im[i] * tap;
+            }
+        }
+        sum
+    }
+}
+
+impl Model<'_> {
+    /// Turns of the phase from one row to the next.
+    fn turns_per_row(&self) -> f64 {
+        self.beam.two_k_rad_m * self.shear.row_step_m / core::f64::consts::TAU
+    }
+}
+
+/// Where a scatterer is.
+struct Place {
+    /// Depth in rows.
+    row: f64,
+    x_m: f64,
+    e_m: f64,
+    /// Place among the grid's lines.
+    line: f64,
 }
 
 impl Motion {
@@ -238,6 +359,20 @@ impl Motion {
             rows_per_m: [down.z / shear.row_step_m, aside.z / shear.row_step_m],
             lines_per_aside: aside.x - shear.lateral_slope * aside.z,
             elevation_per_aside: aside.y - shear.elevation_slope * aside.z,
+        }
+    }
+
+    fn place(&self, shear: &Shear, column: &Column, n: i32) -> Place {
+        let [f, slope] = self.by_depth[n as usize];
+        let (down_m, aside_m) = (column.down_m * f, column.aside_m * slope);
+        let row = column.top_row + f64::from(n) + down_m * self.rows_per_m[0] + aside_m * self.rows_per_m[1];
+        let z_m = row * shear.row_step_m;
+        let sheared_m = column.x_m + aside_m * self.lines_per_aside;
+        Place {
+            row,
+            x_m: sheared_m + shear.lateral_slope * z_m,
+            e_m: column.e_m + shear.elevation_slope * z_m + aside_m * self.elevation_per_aside,
+            line: (sheared_m - shear.first_line_m) / shear.line_pitch_m,
         }
     }
 }
