@@ -3,6 +3,7 @@
 use crate::{
     beam::{Beam, PROFILE_REACH, unit_energy_peak},
     fast::{exp_minus, floor},
+    instructions::wide,
     lateral::{BeamFilters, LateralScratch},
 };
 
@@ -53,7 +54,7 @@ impl AxialScratch {
         first_row: usize,
         out: &mut [f32],
     ) {
-        let BeamFilters { beam, paths, map, rows, .. } = filters;
+        let BeamFilters { instructions, beam, paths, map, rows, .. } = filters;
         self.tabulate(beam, map.row_step_m);
         let rows_kept = if paths.any_delay { RING_WITH_DELAYS } else { RING };
         self.ring.resize(rows_kept * 2 * columns, 0.0);
@@ -84,8 +85,8 @@ impl AxialScratch {
                 let skipped = (low as i64 - group.first_row).clamp(0, count) as usize;
                 let taps = &self.taps[group.fraction][skipped..][..high - low];
                 let Group { first, end, .. } = *group;
-                weighted_sum(taps, &sources, first, &mut out_re[first..end]);
-                weighted_sum(taps, &sources, columns + first, &mut out_im[first..end]);
+                weighted_sum(*instructions, taps, &sources, first, &mut out_re[first..end]);
+                weighted_sum(*instructions, taps, &sources, columns + first, &mut out_im[first..end]);
             }
         }
     }
@@ -141,14 +142,17 @@ impl AxialScratch {
     }
 }
 
-/// `out[x] = Σ_t taps[t]·sources[t][first + x]`.
-fn weighted_sum(taps: &[f32], sources: &[&[f32]], first: usize, out: &mut [f32]) {
-    let wide = out.len() / BLOCK * BLOCK;
-    let (wide_out, narrow_out) = out.split_at_mut(wide);
-    blocks::<BLOCK>(taps, sources, first, wide_out);
-    blocks::<DELAY_BLOCK>(taps, sources, first + wide, narrow_out);
+wide! {
+    /// `out[x] = Σ_t taps[t]·sources[t][first + x]`.
+    fn weighted_sum(taps: &[f32], sources: &[&[f32]], first: usize, out: &mut [f32]) {
+        let most = out.len() / BLOCK * BLOCK;
+        let (in_blocks, rest) = out.split_at_mut(most);
+        blocks::<BLOCK>(taps, sources, first, in_blocks);
+        blocks::<DELAY_BLOCK>(taps, sources, first + most, rest);
+    }
 }
 
+#[inline(always)]
 fn blocks<const N: usize>(taps: &[f32], sources: &[&[f32]], first: usize, out: &mut [f32]) {
     for (x, out) in out.chunks_exact_mut(N).enumerate() {
         let mut sum = [0.0f32; N];

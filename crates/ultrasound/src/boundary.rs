@@ -136,12 +136,30 @@ pub fn facets(
     facets.collect()
 }
 
+/// σ of the window across the plane.
+fn window_m(lattice: &Lattice) -> f64 {
+    let [_, dy_m] = lattice.spacing_m();
+    WINDOW * dy_m
+}
+
+/// How far from the plane columns may stand whose facets are drawn: moved ones come from farther away.
+fn reach_m(lattice: &Lattice, indentation: Option<&Indentation>) -> f64 {
+    WINDOW_REACH * window_m(lattice) + indentation.map_or(0.0, |i| i.depth_m.abs())
+}
+
+/// Range of e′ of those columns.
+pub fn elevations_m(lattice: &Lattice, shear: &Shear, indentation: Option<&Indentation>) -> [f64; 2] {
+    let reach_m = reach_m(lattice, indentation);
+    let drift_m = -shear.elevation_slope * shear.rows as f64 * shear.row_step_m;
+    [drift_m.min(0.0) - reach_m, drift_m.max(0.0) + reach_m]
+}
+
 /// Appends the echoes of the facets near the plane of the picture.
 pub fn add_echoes(
     beam: &Beam,
     lattice: &Lattice,
     shear: &Shear,
-    columns: &mut Columns,
+    columns: &Columns,
     slice: &Slice,
     reverberates: bool,
     echoes: &mut Vec<Echo>,
@@ -150,25 +168,17 @@ pub fn add_echoes(
         [Vector::x(), Vector::y(), Vector::z()].map(|axis| slice.phantom_from_probe * axis);
     let [dx_m, dy_m] = lattice.spacing_m();
     // A window across the plane makes the facets of several rows stand for one line; its weights sum to one.
-    let window_m = WINDOW * dy_m;
-    let reach_m = WINDOW_REACH * window_m;
+    let window_m = window_m(lattice);
     let plane = amplitude_from_db(PLANE_LEVEL_DB);
     let level = plane * dx_m * dy_m * down.z.abs() / (core::f64::consts::TAU * window_m);
-    let deepest_m = shear.rows as f64 * shear.row_step_m;
-    let drift_m = [0.0, -shear.elevation_slope * deepest_m];
-    // Moved columns come from farther away.
-    let moved_reach_m = reach_m + slice.indentation.map_or(0.0, |i| i.depth_m.abs());
-    let elevations_m =
-        [drift_m[0].min(drift_m[1]) - moved_reach_m, drift_m[0].max(drift_m[1]) + moved_reach_m];
-    for [ix, iy] in shear.columns_across(elevations_m) {
+    let indentation = slice.indentation.as_ref();
+    let (reach_m, moved_reach_m) = (WINDOW_REACH * window_m, reach_m(lattice, indentation));
+    for [ix, iy] in shear.columns_across(elevations_m(lattice, shear, indentation)) {
         // Only where the column is near the plane.
         let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
         let [high_m, low_m] =
             shear.elevations_at(e_m, moved_reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
-        for facet in columns.facets(ix, iy) {
-            if facet.z_m < low_m || facet.z_m > high_m {
-                continue;
-            }
+        for facet in columns.facets(ix, iy, low_m, high_m) {
             let row = top_row + lattice.index_at(facet.z_m);
             let mut z_m = row * shear.row_step_m;
             let mut e_m = e_m + shear.elevation_slope * z_m;

@@ -1,11 +1,13 @@
 //! Materials along the lattice's columns, asked for once and kept.
 
+use std::collections::HashMap;
+
 use sonoloop_types::{ColumnSegment, ProbeSpec, Tissue};
 
 use crate::{
     beam::{NEPER_PER_DB, amplitude_from_db},
     boundary::{Boundary, Facet, PLANE_LEVEL_DB, ROUGH_SHARE_DB, facets},
-    lattice::Lattice,
+    lattice::{Lattice, mix},
 };
 
 const TILE: i32 = 32;
@@ -44,6 +46,7 @@ pub struct Range {
 }
 
 const EMPTY: Range = Range { first: 0, count: 0 };
+const UNREAD: Range = Range { first: UNKNOWN, count: 0 };
 
 /// A range for every column, in tiles that are made when one of their columns is asked for.
 struct Table {
@@ -58,17 +61,32 @@ impl Table {
         Self { half, tiles: (0..across * along).map(|_| None).collect() }
     }
 
-    /// `None` outside.
+    /// Index of a column's tile, and of the column in it; `None` outside.
     #[inline]
-    fn entry(&mut self, ix: i32, iy: i32) -> Option<&mut Range> {
+    fn place(&self, ix: i32, iy: i32) -> Option<[usize; 2]> {
         let [hx, hy] = self.half;
         if ix < -hx || ix >= hx || iy < -hy || iy >= hy {
             return None;
         }
         let (i, j, side) = ((ix + hx) as usize, (iy + hy) as usize, TILE as usize);
-        let tile = self.tiles[j / side * (2 * hx / TILE) as usize + i / side]
-            .get_or_insert_with(|| vec![Range { first: UNKNOWN, count: 0 }; side * side].into());
-        Some(&mut tile[j % side * side + i % side])
+        Some([j / side * (2 * hx / TILE) as usize + i / side, j % side * side + i % side])
+    }
+
+    #[inline]
+    fn entry(&mut self, ix: i32, iy: i32) -> Option<&mut Range> {
+        let [tile, column] = self.place(ix, iy)?;
+        let side = TILE as usize;
+        let tile = self.tiles[tile].get_or_insert_with(|| vec![UNREAD; side * side].into());
+        Some(&mut tile[column])
+    }
+
+    /// An entry that was made before; an empty range outside.
+    #[inline]
+    fn known(&self, ix: i32, iy: i32) -> Range {
+        let Some([tile, column]) = self.place(ix, iy) else { return EMPTY };
+        let range = self.tiles[tile].as_ref().map_or(UNREAD, |tile| tile[column]);
+        debug_assert!(range.first != UNKNOWN, "column {ix}, {iy} was not learnt");
+        if range.first == UNKNOWN { EMPTY } else { range }
     }
 }
 
@@ -89,9 +107,14 @@ pub struct Columns {
     draws_boundaries: bool,
     stretches: Vec<Stretch>,
     stretches_of: Table,
+    /// Where stretches of a hash are kept: neighbouring columns often have the same ones, and what is kept once stays in
+    /// the caches.
+    kept: HashMap<u64, Range>,
     boundaries: Vec<Boundary>,
     boundaries_of: Table,
     facets: Vec<Facet>,
+    /// Their depths once more: most are only looked at for these.
+    facet_z_m: Vec<f64>,
     facets_of: Table,
     segments: Vec<ColumnSegment>,
 }
@@ -124,9 +147,11 @@ impl Columns {
             draws_boundaries: effects.boundaries,
             stretches: Vec::new(),
             stretches_of: Table::new(half),
+            kept: HashMap::new(),
             boundaries: Vec::new(),
             boundaries_of: Table::new(half),
             facets: Vec::new(),
+            facet_z_m: Vec::new(),
             facets_of: Table::new(half),
             segments: Vec::new(),
         }
@@ -155,47 +180,62 @@ impl Columns {
         (Range { first: range.first + first as u32, count: count as u32 }, &all[first..first + count])
     }
 
-    /// Where the stretches of a column are kept; an empty range outside the phantom.
+    /// Asks for what the other functions tell of a column.
     #[inline]
-    pub fn get(&mut self, ix: i32, iy: i32) -> Range {
-        match self.stretches_of.entry(ix, iy) {
-            None => EMPTY,
-            Some(range) if range.first != UNKNOWN => *range,
-            Some(_) => self.read(ix, iy),
+    pub fn learn(&mut self, ix: i32, iy: i32) {
+        if self.stretches_of.entry(ix, iy).is_some_and(|range| range.first == UNKNOWN) {
+            self.read(ix, iy);
         }
     }
 
-    /// The facets of a column's boundaries; none outside the phantom.
-    pub fn facets(&mut self, ix: i32, iy: i32) -> &[Facet] {
-        let range = match self.facets_of.entry(ix, iy) {
-            None => EMPTY,
-            Some(range) if range.first != UNKNOWN => *range,
-            Some(_) => {
-                let own = self.boundaries(ix, iy);
-                let first = self.facets.len();
-                if !own.is_empty() {
-                    let spacing_m = self.lattice.spacing_m();
-                    let found = facets(&own, spacing_m, [ix, iy], |ix, iy| self.boundaries(ix, iy));
-                    self.facets.extend(found);
-                }
-                let range = Range { first: first as u32, count: (self.facets.len() - first) as u32 };
-                if let Some(entry) = self.facets_of.entry(ix, iy) {
-                    *entry = range;
-                }
-                range
-            }
-        };
-        &self.facets[range.first as usize..][..range.count as usize]
+    /// Where the stretches of a column are kept; an empty range outside the phantom. The column was learnt.
+    #[inline]
+    pub fn get(&self, ix: i32, iy: i32) -> Range {
+        self.stretches_of.known(ix, iy)
+    }
+
+    /// Scatterers of a column through the whole phantom, at most.
+    pub fn most_scatterers(&self) -> usize {
+        (self.thickness_m() / self.lattice.depth_step_m).ceil() as usize + 1
+    }
+
+    /// Asks for what [`Self::facets`] tells of a column.
+    #[inline]
+    pub fn learn_facets(&mut self, ix: i32, iy: i32) {
+        if self.facets_of.entry(ix, iy).is_none_or(|range| range.first != UNKNOWN) {
+            return;
+        }
+        let own = self.boundaries(ix, iy);
+        let first = self.facets.len();
+        if !own.is_empty() {
+            let spacing_m = self.lattice.spacing_m();
+            let found = facets(&own, spacing_m, [ix, iy], |ix, iy| self.boundaries(ix, iy));
+            self.facets.extend(found);
+            self.facet_z_m.extend(self.facets[first..].iter().map(|facet| facet.z_m));
+        }
+        let range = Range { first: first as u32, count: (self.facets.len() - first) as u32 };
+        if let Some(entry) = self.facets_of.entry(ix, iy) {
+            *entry = range;
+        }
+    }
+
+    /// The facets of a column's boundaries between two depths, phantom frame; none outside the phantom. They were learnt.
+    pub fn facets(&self, ix: i32, iy: i32, low_z_m: f64, high_z_m: f64) -> impl Iterator<Item = &Facet> {
+        let range = self.facets_of.known(ix, iy);
+        let range = range.first as usize..(range.first + range.count) as usize;
+        let within = move |&(_, z_m): &(usize, &f64)| (low_z_m..=high_z_m).contains(z_m);
+        let depths = self.facet_z_m[range.clone()].iter();
+        range.zip(depths).filter(within).map(|(index, _)| &self.facets[index])
     }
 
     fn boundaries(&mut self, ix: i32, iy: i32) -> Vec<Boundary> {
-        self.get(ix, iy);
-        let range = self.boundaries_of.entry(ix, iy).map_or(EMPTY, |range| *range);
+        self.learn(ix, iy);
+        let range = self.boundaries_of.known(ix, iy);
         self.boundaries[range.first as usize..][..range.count as usize].to_vec()
     }
 
     /// Asks the tissue for a column inside the table.
-    fn read(&mut self, ix: i32, iy: i32) -> Range {
+    fn read(&mut self, ix: i32, iy: i32) {
         let [x_m, y_m] = self.lattice.column_m(ix, iy);
         self.tissue.column(x_m, y_m, &mut self.segments);
         let (first, first_boundary) = (self.stretches.len(), self.boundaries.len());
@@ -240,13 +280,32 @@ impl Columns {
             above = Some((segment.material, medium));
         }
         let range = |first: usize, end: usize| Range { first: first as u32, count: (end - first) as u32 };
-        let stretches = range(first, self.stretches.len());
+        let stretches = self.keep_once(range(first, self.stretches.len()));
         let boundaries = range(first_boundary, self.boundaries.len());
         for (table, range) in [(&mut self.stretches_of, stretches), (&mut self.boundaries_of, boundaries)] {
             if let Some(entry) = table.entry(ix, iy) {
                 *entry = range;
             }
         }
-        stretches
+    }
+
+    /// The place of stretches that were just appended, or of the same ones kept before.
+    fn keep_once(&mut self, range: Range) -> Range {
+        let new = self.stretches(range);
+        let hash = new.iter().fold(0, |hash, s| {
+            let place = u64::from(s.start as u32) << 32 | u64::from(s.end as u32);
+            let medium = u64::from(s.amplitude.to_bits()) << 32 | u64::from(s.loss_np_m.to_bits());
+            mix(mix(hash ^ place) ^ medium)
+        });
+        match self.kept.get(&hash) {
+            Some(&kept) if self.stretches(kept) == new => {
+                self.stretches.truncate(range.first as usize);
+                kept
+            }
+            _ => {
+                self.kept.insert(hash, range);
+                range
+            }
+        }
     }
 }

@@ -5,6 +5,7 @@ use sonoloop_types::ProbeSpec;
 use crate::{
     beam::{Beam, NEPER_PER_DB, amplitude_from_db, pulse_loss_np},
     fast::{exp_minus, power_db},
+    instructions::wide,
     lattice::mix,
     paths::Paths,
     tape::gaussian_tape,
@@ -73,10 +74,12 @@ impl Display {
         let above = self.sliders_db[place as usize];
         loss_db + above + (self.sliders_db[below] - above) * (place - place.floor())
     }
+}
 
+wide! {
     /// Grey levels of one display row from its field before losses.
-    pub fn row(
-        &self,
+    pub fn draw_row(
+        display: &Display,
         exposure: &Exposure,
         paths: &Paths,
         row: usize,
@@ -85,14 +88,14 @@ impl Display {
     ) {
         let columns = pixels.len();
         let z_m = row as f64 * exposure.spacing_m;
-        let hash = mix(self.seed ^ mix(exposure.sequence ^ mix(row as u64)));
+        let hash = mix(display.seed ^ mix(exposure.sequence ^ mix(row as u64)));
         let first = (hash % (NOISE_LENGTH - columns.min(NOISE_LENGTH)) as u64) as usize;
         let gain_db = if exposure.gain_db.is_finite() { exposure.gain_db } else { 0.0 };
-        let level_db = (self.compensation_db(z_m) + gain_db.clamp(-200.0, 200.0)) as f32 - self.white_db;
+        let level_db = (display.compensation_db(z_m) + gain_db.clamp(-200.0, 200.0)) as f32 - display.white_db;
         let contact = &paths.contact;
         let ringing = if contact.any_blind { ringing_level(z_m) } else { 0.0 };
         let (above, below, share) = paths.row(row);
-        let noise = self.noise.each_ref().map(|part| &part[first..]);
+        let noise = display.noise.each_ref().map(|part| &part[first..]);
         // In short passes over a few pixels: the logarithm is one long chain, and several must be under way.
         for (pass, pixels) in pixels.chunks_mut(PASS).enumerate() {
             let here = pass * PASS..pass * PASS + pixels.len();
@@ -109,15 +112,15 @@ impl Display {
             }
             for (x, level) in level.iter_mut().enumerate().take(pixels.len()) {
                 let a = above[x] + share * (below[x] - above[x]);
-                let r = re[x] * a + noise[0][x] * self.noise_amplitude + ring[x];
-                let i = im[x] * a + noise[1][x] * self.noise_amplitude;
+                let r = re[x] * a + noise[0][x] * display.noise_amplitude + ring[x];
+                let i = im[x] * a + noise[1][x] * display.noise_amplitude;
                 *level = r * r + i * i;
             }
             for level in &mut level {
                 *level = power_db(*level);
             }
             for (pixel, level) in pixels.iter_mut().zip(&level) {
-                let grey = 255.0 + self.grey_per_db * (level_db + level);
+                let grey = 255.0 + display.grey_per_db * (level_db + level);
                 // Adding 2²³ rounds to the nearest whole number and leaves it in the low bits.
                 *pixel = (grey.clamp(0.0, 255.0) + 8_388_608.0).to_bits() as u8;
             }
@@ -134,6 +137,7 @@ fn ringing_level(z_m: f64) -> f32 {
 }
 
 /// Its bands: one per passage through the lens.
+#[inline(always)]
 fn band(z_m: f32) -> f32 {
     let from_band_m = z_m - (z_m / RINGING_SPACING_M).round() * RINGING_SPACING_M;
     let u = from_band_m / RINGING_SIGMA_M;

@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use crate::{
     beam::{Beam, unit_energy_peak},
-    fast::{exp_minus, floor},
+    fast::{exp_minus, nearest},
+    instructions::{Instructions, wide},
     shear::Shear,
 };
 
@@ -21,12 +22,11 @@ pub struct Run {
     pub first: u32,
 }
 
-/// The runs of one column, see [`ElevationTable::runs`].
+/// Place of weights in the table, see [`ElevationTable::weights`].
 #[derive(Debug, Clone, Copy)]
-pub struct Crossing {
+pub struct Weights {
     block: u32,
-    first: u32,
-    end: u32,
+    pub first: u32,
 }
 
 /// The slice at one row: 1/2σ², the weight at e = 0, and where it ends.
@@ -49,6 +49,7 @@ struct Block {
 #[derive(Default)]
 pub struct ElevationTable {
     bin_m: f64,
+    bins_per_m: f64,
     first_bin: i64,
     bins: usize,
     blocks: Vec<Block>,
@@ -63,14 +64,14 @@ pub struct ElevationTable {
 
 impl ElevationTable {
     /// Fills the table; every weight also carries `scale`. One table serves one beam and scale.
-    pub fn build(&mut self, beam: &Beam, shear: &Shear, scale: f64) {
+    pub fn build(&mut self, instructions: Instructions, beam: &Beam, shear: &Shear, scale: f64) {
         let made_for = Some((shear.rows, shear.row_step_m, shear.elevation_slope));
         if self.made_for == made_for {
             return;
         }
         self.made_for = made_for;
         let bin_m = beam.grain.elevation_bin_m;
-        self.bin_m = bin_m;
+        (self.bin_m, self.bins_per_m) = (bin_m, 1.0 / bin_m);
         self.decay.clear();
         self.peak.clear();
         self.reach_m.clear();
@@ -93,8 +94,13 @@ impl ElevationTable {
         self.bins = ((high / bin_m).ceil() as i64 - self.first_bin + 1) as usize;
         self.blocks.resize_with(self.bins.div_ceil(BLOCK), Block::default);
         let (first_bin, bins) = (self.first_bin, self.bins);
-        let profile =
-            Profile { decay: &self.decay, peak: &self.peak, reach_m: &self.reach_m, drift_m: &self.drift_m };
+        let profile = Profile {
+            instructions,
+            decay: &self.decay,
+            peak: &self.peak,
+            reach_m: &self.reach_m,
+            drift_m: &self.drift_m,
+        };
         self.blocks.par_iter_mut().enumerate().for_each(|(index, block)| {
             block.clear();
             for bin in index * BLOCK..((index + 1) * BLOCK).min(bins) {
@@ -109,19 +115,16 @@ impl ElevationTable {
         [self.first_bin, self.first_bin + self.bins as i64 - 1].map(|bin| bin as f64 * self.bin_m)
     }
 
-    /// Where the columns at `e_m` = e′ cross the slice, and the first and one past the last row of that; `None` when
-    /// they miss it.
-    pub fn crossing(&self, e_m: f64) -> Option<(Crossing, [usize; 2])> {
-        let bin = floor(e_m / self.bin_m + 0.5) - self.first_bin;
+    /// Where the columns at `e_m` = e′ cross the slice, and where their weights begin; `None` when they miss it.
+    pub fn crossing(&self, e_m: f64) -> Option<(Weights, &[Run])> {
+        let bin = nearest(e_m * self.bins_per_m) - self.first_bin;
         if bin < 0 || bin >= self.bins as i64 {
             return None;
         }
         let (block, bin) = (bin as usize / BLOCK, bin as usize % BLOCK);
         let Block { runs, starts, .. } = &self.blocks[block];
-        let (first, end) = (starts[bin], starts[bin + 1]);
-        let runs = &runs[first as usize..end as usize];
-        let rows = [runs.first()?.lo as usize, runs.last()?.hi as usize];
-        Some((Crossing { block: block as u32, first, end }, rows))
+        let runs = &runs[starts[bin] as usize..starts[bin + 1] as usize];
+        Some((Weights { block: block as u32, first: 0 }, runs))
     }
 
     /// The slice next to a depth in rows.
@@ -130,15 +133,15 @@ impl ElevationTable {
         RowProfile { decay: self.decay[row], peak: self.peak[row], reach_m: self.reach_m[row] }
     }
 
-    /// The runs of a crossing, and the weights they refer to.
-    pub fn runs(&self, crossing: Crossing) -> (&[Run], &[f32]) {
-        let block = &self.blocks[crossing.block as usize];
-        (&block.runs[crossing.first as usize..crossing.end as usize], &block.weights)
+    /// The weights of so many rows.
+    pub fn weights(&self, weights: Weights, count: usize) -> &[f32] {
+        &self.blocks[weights.block as usize].weights[weights.first as usize..][..count]
     }
 }
 
 /// Of each row: 1/2σ², the weight at e = 0, where the slice ends, and e − e′.
 struct Profile<'a> {
+    instructions: Instructions,
     decay: &'a [f32],
     peak: &'a [f32],
     reach_m: &'a [f32],
@@ -154,7 +157,7 @@ impl Block {
     }
 
     fn push_bin(&mut self, shear: &Shear, e_m: f64, widest_m: f64, profile: &Profile) {
-        let Profile { decay, peak, reach_m, drift_m } = profile;
+        let Profile { decay, peak, reach_m, drift_m, .. } = profile;
         let (lo, hi) = shear.rows_within(e_m, shear.elevation_slope, widest_m);
         let (lo, hi, e) = (lo / STRIDE * STRIDE, hi.next_multiple_of(STRIDE), e_m as f32);
         let inside = |row: usize| (e + drift_m[row]).abs() <= reach_m[row];
@@ -175,14 +178,22 @@ impl Block {
                 let first = self.weights.len();
                 self.weights.resize(first + row - start, 0.0);
                 let (drift_m, decay, peak) = (&drift_m[start..row], &decay[start..row], &peak[start..row]);
-                for (i, weight) in self.weights[first..].iter_mut().enumerate() {
-                    let e = e + drift_m[i];
-                    *weight = peak[i] * exp_minus(e * e * decay[i]);
-                }
+                weigh(profile.instructions, e, drift_m, decay, peak, &mut self.weights[first..]);
             } else {
                 row += STRIDE;
             }
         }
         self.starts.push(self.runs.len() as u32);
+    }
+}
+
+wide! {
+    /// Weights of one bin, row by row.
+    fn weigh(e_m: f32, drift_m: &[f32], decay: &[f32], peak: &[f32], weights: &mut [f32]) {
+        let rows = drift_m.iter().zip(decay).zip(peak);
+        for (weight, ((drift_m, decay), peak)) in weights.iter_mut().zip(rows) {
+            let e_m = e_m + drift_m;
+            *weight = peak * exp_minus(e_m * e_m * decay);
+        }
     }
 }

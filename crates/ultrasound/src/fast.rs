@@ -56,9 +56,27 @@ pub fn floor(v: f64) -> i64 {
     (v + OFFSET as f64) as i64 - OFFSET
 }
 
+/// Whole number next to `v`, for |v| below 2⁵¹; a tie goes to the even one.
+#[inline(always)]
+pub fn nearest(v: f64) -> i64 {
+    // Adding 1.5·2⁵² rounds, and leaves the number in the low bits.
+    const WHOLE: f64 = 6_755_399_441_055_744.0;
+    (v + WHOLE).to_bits() as i64 - WHOLE.to_bits() as i64
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{exp_minus, power_db, turn};
+    use super::{exp_minus, floor, nearest, power_db, turn};
+
+    #[test]
+    fn whole_numbers_are_those_of_the_standard_library() {
+        for i in -4000..4000 {
+            for v in [f64::from(i) * 0.37, f64::from(i) * 1.0e6 + 0.3, f64::from(i)] {
+                assert_eq!(floor(v), v.floor() as i64, "{v}");
+                assert_eq!(nearest(v), v.round_ties_even() as i64, "{v}");
+            }
+        }
+    }
 
     #[test]
     fn truth_fast_exponential_follows_libm() {

@@ -1,15 +1,21 @@
 //! Which stretches of tape go into which lines of the grid.
 
+use rayon::prelude::*;
+
 use crate::{
     columns::{Columns, Range},
-    elevation::{Crossing, ElevationTable, STRIDE},
-    fast::floor,
+    elevation::{ElevationTable, STRIDE, Weights},
+    fast::nearest,
     lattice::{Lattice, TAPE_LENGTH},
     shear::Shear,
+    splat::BAND,
     tape::BakedTape,
 };
 
-/// One column of the lattice that may cross the slice.
+/// Parts of the lattice's rows that are listed at a time; fixed, though results do not depend on it.
+const PARTS: usize = 8;
+
+/// A run of one column of the lattice through the slice.
 #[derive(Debug, Clone, Copy)]
 pub struct Job {
     /// Lines `line` and `line + 1` get the shares `1 − fraction` and `fraction`.
@@ -22,8 +28,8 @@ pub struct Job {
     pub tape: u32,
     /// Row of the column's scatterer 0.
     pub row_of_0: i32,
-    /// Where the column crosses the slice.
-    pub crossing: Crossing,
+    /// Weights of the slice from row `lo` on.
+    pub weights: Weights,
     /// What lies along those rows; `None` where it is one material.
     pub stretches: Option<Range>,
     /// Phase of the column, times the amplitude of the one material.
@@ -31,13 +37,11 @@ pub struct Job {
     pub im: f32,
 }
 
-/// Jobs of one picture, sorted by line; columns of equal line keep the order of the lattice.
+/// Jobs of one picture.
 #[derive(Default)]
 pub struct Jobs {
-    unsorted: Vec<Job>,
-    pub sorted: Vec<Job>,
-    /// Jobs of line l are `sorted[starts[l]..starts[l + 1]]`.
-    pub starts: Vec<u32>,
+    /// By part of the lattice and band of lines, in the lattice's order.
+    parts: Vec<Vec<Vec<Job>>>,
     phase_x: Vec<[f64; 2]>,
     phase_y: Vec<[f64; 2]>,
     wraps: Vec<[f64; 2]>,
@@ -48,18 +52,17 @@ fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
 }
 
 impl Jobs {
+    /// Lists what the columns add to the grid.
     pub fn build(
         &mut self,
         shear: &Shear,
         lattice: &Lattice,
         elevation: &ElevationTable,
-        columns: &mut Columns,
+        columns: &Columns,
         tape: &BakedTape,
         phase_per_row_rad: f64,
     ) {
         let [[ix_min, ix_max], [iy_min, iy_max]] = shear.columns;
-        let elevations_m = elevation.range_m();
-        let sub_delays = tape.sub_delays as i64;
         let turn = |rows: f64| {
             let (sin, cos) = libm::sincos(-phase_per_row_rad * rows);
             [cos, sin]
@@ -69,37 +72,93 @@ impl Jobs {
         self.phase_y.clear();
         self.phase_y.extend((iy_min..=iy_max).map(|iy| turn(shear.top_row.in_row(iy))));
         self.wraps.clear();
+        let samples = 2 * TAPE_LENGTH + tape.stride + columns.most_scatterers();
+        self.wraps
+            .extend((0..=samples / TAPE_LENGTH).map(|wrap| turn((wrap as f64 - 1.0) * TAPE_LENGTH as f64)));
 
-        self.unsorted.clear();
-        for iy in iy_min..=iy_max {
-            for ix in shear.overlap(elevations_m, iy) {
-                let Some((crossing, [e_lo, e_hi])) = elevation.crossing(shear.e.at(ix, iy)) else { continue };
-                let x_m = shear.x.at(ix, iy);
-                let (x_lo, x_hi) = shear.rows_within(x_m, shear.lateral_slope, shear.reach_m);
-                if x_lo == x_hi {
-                    continue;
-                }
-                let (x_lo, x_hi) = (x_lo / STRIDE * STRIDE, x_hi.next_multiple_of(STRIDE));
-                let (lo, hi) = (x_lo.max(e_lo) as i64, x_hi.min(e_hi) as i64);
-                let line = (x_m - shear.first_line_m) / shear.line_pitch_m;
-                if !(line >= 0.0 && line < (shear.lines - 1) as f64) {
-                    continue;
-                }
-                let delays = floor(shear.top_row.at(ix, iy) * sub_delays as f64 + 0.5) + sub_delays / 2;
-                // Exact, and a tenth of the time of two divisions of whole numbers.
-                let row_of_0 = floor(delays as f64 / sub_delays as f64);
-                let sub_delay = (delays - row_of_0 * sub_delays) as usize;
-                let offset = lattice.tape_offset(ix, iy);
-                let phase = product(
-                    product(self.phase_x[(ix - ix_min) as usize], self.phase_y[(iy - iy_min) as usize]),
-                    tape.carrier(offset),
-                );
-                // Scatterer n lies in row n + row_of_0; what is before n = 0 has no material.
-                let lo = lo.max(row_of_0 / STRIDE as i64 * STRIDE as i64);
+        self.parts.resize_with(PARTS, Vec::new);
+        let (phase_x, phase_y, wraps) = (&self.phase_x, &self.phase_y, &self.wraps);
+        let list = Listing { shear, lattice, elevation, columns, tape, phase_x, phase_y, wraps };
+        let (rows, bands) = ((iy_max - iy_min + 1).max(0) as usize, shear.lines.div_ceil(BAND));
+        self.parts.par_iter_mut().enumerate().for_each(|(part, by_band)| {
+            by_band.iter_mut().for_each(Vec::clear);
+            by_band.resize_with(bands, Vec::new);
+            for row in part * rows / PARTS..(part + 1) * rows / PARTS {
+                list.row(iy_min + row as i32, by_band);
+            }
+        });
+    }
+
+    /// The jobs of a band of lines by line, those of one line in the lattice's order. `sorted` is replaced.
+    pub fn of_band(&self, band: usize, sorted: &mut Vec<Job>) {
+        // Line 0 is the last one of the band before, whose columns reach into this one.
+        let line = |job: &Job| (job.line as usize + 1) - band * BAND;
+        let mut next = [0; BAND + 2];
+        let jobs = || self.parts.iter().flat_map(|by_band| &by_band[band]);
+        jobs().for_each(|job| next[line(job) + 1] += 1);
+        (1..next.len()).for_each(|line| next[line] += next[line - 1]);
+        sorted.clear();
+        sorted.extend(jobs());
+        for job in jobs() {
+            let place = &mut next[line(job)];
+            sorted[*place] = *job;
+            *place += 1;
+        }
+    }
+}
+
+/// What jobs are made from.
+struct Listing<'a> {
+    shear: &'a Shear,
+    lattice: &'a Lattice,
+    elevation: &'a ElevationTable,
+    columns: &'a Columns,
+    tape: &'a BakedTape,
+    /// Phases along x, along y, and of whole lengths of the tape.
+    phase_x: &'a [[f64; 2]],
+    phase_y: &'a [[f64; 2]],
+    wraps: &'a [[f64; 2]],
+}
+
+impl Listing<'_> {
+    /// Appends the jobs of one row of the lattice.
+    fn row(&self, iy: i32, by_band: &mut [Vec<Job>]) {
+        let Self { shear, lattice, elevation, columns, tape, .. } = *self;
+        let [[ix_min, _], [iy_min, _]] = shear.columns;
+        let (sub_delays, per_row) = (tape.sub_delays as i64, tape.sub_delays as f64);
+        let lines_per_m = 1.0 / shear.line_pitch_m;
+        for ix in shear.overlap(elevation.range_m(), iy) {
+            let Some((mut weights, runs)) = elevation.crossing(shear.e.at(ix, iy)) else { continue };
+            let x_m = shear.x.at(ix, iy);
+            let (x_lo, x_hi) = shear.rows_within(x_m, shear.lateral_slope, shear.reach_m);
+            if x_lo == x_hi {
+                continue;
+            }
+            let (x_lo, x_hi) = ((x_lo / STRIDE * STRIDE) as i64, x_hi.next_multiple_of(STRIDE) as i64);
+            let line = (x_m - shear.first_line_m) * lines_per_m;
+            if !(line >= 0.0 && line < (shear.lines - 1) as f64) {
+                continue;
+            }
+            let column = columns.get(ix, iy);
+            if columns.stretches(column).is_empty() {
+                continue;
+            }
+            let delays = nearest(shear.top_row.at(ix, iy) * per_row) + sub_delays / 2;
+            // The whole part of delays/sub_delays: exact, as the fraction is never half a row from the middle of one.
+            let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) / per_row);
+            let sub_delay = (delays - row_of_0 * sub_delays) as usize;
+            let offset = lattice.tape_offset(ix, iy);
+            let phase = product(
+                product(self.phase_x[(ix - ix_min) as usize], self.phase_y[(iy - iy_min) as usize]),
+                tape.carrier(offset),
+            );
+            // Scatterer n lies in row n + row_of_0; what is before n = 0 has no material.
+            let x_lo = x_lo.max(row_of_0 / STRIDE as i64 * STRIDE as i64);
+            for run in runs {
+                let (lo, hi) = (x_lo.max(i64::from(run.lo)), x_hi.min(i64::from(run.hi)));
                 if lo >= hi {
                     continue;
                 }
-                let column = columns.get(ix, iy);
                 let [from, to] = [lo, hi].map(|row| (row - row_of_0) as i32);
                 let (stretches, amplitude) = match columns.between(column, from, to) {
                     (_, []) => continue,
@@ -110,45 +169,26 @@ impl Jobs {
                     continue;
                 }
                 let sample = (lo - row_of_0 + (offset + TAPE_LENGTH) as i64) as usize;
-                let wrap = sample / TAPE_LENGTH;
-                while self.wraps.len() <= wrap {
-                    self.wraps.push(turn((self.wraps.len() as f64 - 1.0) * TAPE_LENGTH as f64));
-                }
-                let [re, im] = product(phase, self.wraps[wrap]);
-                self.unsorted.push(Job {
+                let [re, im] = product(phase, self.wraps[sample / TAPE_LENGTH]);
+                weights.first = run.first + lo as u32 - run.lo;
+                let job = Job {
                     line: line as u32,
                     fraction: (line - f64::from(line as u32)) as f32,
                     lo: lo as u32,
                     hi: hi as u32,
                     tape: (sub_delay * tape.stride + sample % TAPE_LENGTH) as u32,
                     row_of_0: row_of_0 as i32,
-                    crossing,
+                    weights,
                     stretches,
                     re: re as f32 * amplitude,
                     im: im as f32 * amplitude,
-                });
+                };
+                let band = job.line as usize / BAND;
+                by_band[band].push(job);
+                if job.line as usize % BAND == BAND - 1 && band + 1 < by_band.len() {
+                    by_band[band + 1].push(job);
+                }
             }
-        }
-        self.sort(shear.lines);
-    }
-
-    /// Counting sort by line, stable.
-    fn sort(&mut self, lines: usize) {
-        self.starts.clear();
-        self.starts.resize(lines + 1, 0);
-        for job in &self.unsorted {
-            self.starts[job.line as usize + 1] += 1;
-        }
-        for line in 0..lines {
-            self.starts[line + 1] += self.starts[line];
-        }
-        self.sorted.clear();
-        self.sorted.extend_from_slice(&self.unsorted);
-        let mut next = self.starts.clone();
-        for job in &self.unsorted {
-            let place = &mut next[job.line as usize];
-            self.sorted[*place as usize] = *job;
-            *place += 1;
         }
     }
 }

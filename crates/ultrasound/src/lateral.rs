@@ -2,11 +2,12 @@
 
 use crate::{
     beam::{Beam, unit_energy_peak},
+    instructions::{Instructions, wide},
     paths::Paths,
     splat::{BAND, CHUNK, Grid},
 };
 
-/// Columns that share one beam width: few, as the width changes quickly at the array's ends.
+/// Columns filtered together at least.
 const BLOCK: usize = crate::paths::ACROSS;
 /// Fractions of a line at which taps are kept.
 const PHASES: usize = 64;
@@ -61,36 +62,42 @@ impl LateralFilters {
     fn select(&self, beam: &Beam, paths: &Paths, map: &LineMap, depth_m: f64, blocks: &mut [u16]) {
         let stretches = paths.stretches_at(depth_m).chain(core::iter::repeat(1.0));
         for ((b, index), stretch) in blocks.iter_mut().enumerate().zip(stretches) {
-            let x_m = map.first_x_m + (b * BLOCK + BLOCK / 2) as f64 * map.pitch_m;
+            let shared = beam.grain.columns_per_width;
+            let x_m = map.first_x_m + (b * BLOCK / shared * shared + shared / 2) as f64 * map.pitch_m;
             *index = self.index(beam.widening(x_m, depth_m) * f64::from(stretch)) as u16;
         }
     }
+}
 
+wide! {
     /// Filters one row, real and imaginary parts side by side. A source starts `radius − 1` lines before the line at or
     /// left of column 0, and `fraction` is how far column 0 lies past that line. `filter_of_block` comes from
-    /// [`Self::select`].
+    /// [`LateralFilters::select`].
     fn apply(
-        &self,
+        filters: &LateralFilters,
         source: [&[f32]; 2],
         fraction: f64,
         filter_of_block: &[u16],
-        [out_re, out_im]: [&mut [f32]; 2],
+        out: [&mut [f32]; 2],
     ) {
+        let LateralFilters { filters, radius, per_px } = filters;
+        let [out_re, out_im] = out;
         let phase = (fraction * PHASES as f64 + 0.5) as usize;
         let mut block = 0;
         while let Some(&index) = filter_of_block.get(block) {
-            let filter = &self.filters[usize::from(index)];
+            let filter = &filters[usize::from(index)];
             let taps = &filter.taps[phase * 2 * filter.radius..][..2 * filter.radius];
             let column = block * BLOCK;
-            let source = source.map(|part| &part[self.per_px * column + self.radius - filter.radius..]);
+            let source = source.map(|part| &part[per_px * column + radius - filter.radius..]);
             let out = [&mut out_re[column..], &mut out_im[column..]];
             // Neighbours of equal width go together; sums per column are the same.
-            let same = filter_of_block[block..].iter().take(4).take_while(|&&i| i == index).count();
-            block += match (same, self.per_px) {
-                (4, 1) => convolve::<{ 4 * BLOCK }, 1>(source, taps, out),
+            let same = filter_of_block[block..].iter().take(8).take_while(|&&i| i == index).count();
+            block += match (same, per_px) {
+                (8, 1) => convolve::<{ 8 * BLOCK }, 1>(source, taps, out),
+                (4.., 1) => convolve::<{ 4 * BLOCK }, 1>(source, taps, out),
                 (2.., 1) => convolve::<{ 2 * BLOCK }, 1>(source, taps, out),
                 (_, 1) => convolve::<BLOCK, 1>(source, taps, out),
-                (4, _) => convolve::<{ 4 * BLOCK }, 2>(source, taps, out),
+                (4.., _) => convolve::<{ 4 * BLOCK }, 2>(source, taps, out),
                 (2.., _) => convolve::<{ 2 * BLOCK }, 2>(source, taps, out),
                 _ => convolve::<BLOCK, 2>(source, taps, out),
             };
@@ -100,6 +107,7 @@ impl LateralFilters {
 
 /// What turns a filled grid into display rows.
 pub struct BeamFilters<'a> {
+    pub instructions: Instructions,
     pub beam: &'a Beam,
     pub paths: &'a Paths,
     pub lateral: &'a LateralFilters,
@@ -219,7 +227,7 @@ impl LateralScratch {
         let (re, im) = self.rows[(row - first_row) * 2 * lines..][..2 * lines].split_at(lines);
         let span = filters.lateral.per_px * columns + 2 * radius;
         let source = [&re[first..][..span], &im[first..][..span]];
-        filters.lateral.apply(source, line - whole, &self.blocks, out);
+        apply(filters.instructions, filters.lateral, source, line - whole, &self.blocks, out);
     }
 
     /// Loads the chunk of `row`; returns its first row.

@@ -64,6 +64,7 @@ mod display;
 mod echo;
 mod elevation;
 mod fast;
+mod instructions;
 mod jobs;
 mod lateral;
 mod lattice;
@@ -79,4 +80,5 @@ mod splat;
 mod stamp;
 mod tape;
 
+pub use instructions::Instructions;
 pub use renderer::{Field, Renderer};

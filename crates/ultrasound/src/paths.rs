@@ -116,22 +116,22 @@ impl Paths {
         self.show();
     }
 
-    /// Loss and delay of every step, read off the tissue's columns.
+    /// Loss and delay of every step, read off the tissue's columns; none without a pose.
     pub fn sample(
         &mut self,
         lattice: &Lattice,
-        tissue: &mut Columns,
-        phantom_from_probe: &Pose,
+        tissue: &Columns,
+        phantom_from_probe: Option<&Pose>,
         indentation: Option<&Indentation>,
     ) {
         let across = self.plane.knots_across();
         // Losses until all are known.
         self.step_transmission.fill(0.0);
         self.step_delay_m.fill(0.0);
-        if !phantom_from_probe.to_homogeneous().iter().all(|v| v.is_finite()) {
+        let Some(phantom_from_probe) = phantom_from_probe else {
             self.step_transmission.fill(1.0);
             return;
-        }
+        };
         let step_m = self.plane.step_m();
         let down = phantom_from_probe * Vector::z();
         // Scatterers of a column that one step passes; a step nearly along the layers counts as one point.

@@ -12,6 +12,7 @@ use crate::{
     columns::{Columns, Range},
     elevation::{ElevationTable, RowProfile},
     fast::{exp_minus, floor, turn},
+    instructions::Instructions,
     lattice::Lattice,
     shear::Shear,
     splat::{BAND, Grid},
@@ -60,9 +61,17 @@ pub struct Points {
     taps: Vec<[f32; 2 * WINDOW]>,
 }
 
+/// Range of e′ at rest that meets the slice.
+pub fn elevations_m(elevation: &ElevationTable, indentation: Option<&Indentation>) -> [f64; 2] {
+    let margin_m = indentation.map_or(0.0, |indentation| indentation.depth_m.abs());
+    let [low_m, high_m] = elevation.range_m();
+    [low_m - margin_m, high_m + margin_m]
+}
+
 /// What a scatterer's echo is made of.
 #[derive(Clone, Copy)]
 pub struct Model<'a> {
+    pub instructions: Instructions,
     pub beam: &'a Beam,
     pub tape: &'a BakedTape,
     pub elevation: &'a ElevationTable,
@@ -75,7 +84,7 @@ impl Points {
         &mut self,
         model: Model,
         lattice: &Lattice,
-        tissue: &mut Columns,
+        tissue: &Columns,
         phantom_from_probe: &Pose,
         indentation: &Indentation,
         grid: &mut Grid,
@@ -89,10 +98,10 @@ impl Points {
             taps[WINDOW..WINDOW + DELAY_TAPS].copy_from_slice(filter);
             taps
         }));
-        let (this, tissue, motion) = (&*self, &*tissue, &motion);
+        let (this, motion) = (&*self, &motion);
         grid.bands(shear.lines).par_iter_mut().enumerate().for_each(|(index, band)| {
             let first = index * BAND;
-            band.fill_whole(shear.rows, MARGIN, |by_line, stride| {
+            band.fill_whole(model.instructions, shear.rows, MARGIN, |by_line, stride| {
                 let lines = first..(first + BAND).min(shear.lines);
                 for &column in &this.by_band[index] {
                     let column = &this.columns[column as usize];
@@ -109,16 +118,14 @@ impl Points {
         shear: &Shear,
         elevation: &ElevationTable,
         lattice: &Lattice,
-        tissue: &mut Columns,
+        tissue: &Columns,
         indentation: &Indentation,
     ) {
         self.columns.clear();
         self.by_band.iter_mut().for_each(Vec::clear);
         self.by_band.resize_with(shear.lines.div_ceil(BAND), Vec::new);
         let steepest = motion.by_depth.iter().fold(0.0, |most: f64, by_depth| most.max(by_depth[1]));
-        let [low_m, high_m] = elevation.range_m();
-        let margin_m = indentation.depth_m.abs();
-        for [ix, iy] in shear.columns_across([low_m - margin_m, high_m + margin_m]) {
+        for [ix, iy] in shear.columns_across(elevations_m(elevation, Some(indentation))) {
             let stretches = tissue.get(ix, iy);
             if tissue.stretches(stretches).is_empty() {
                 continue;

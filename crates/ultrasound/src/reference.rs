@@ -84,51 +84,51 @@ pub fn field(
     let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
     let mut paths = Paths::new(&beam, probe, frame.plane());
     let mut columns = Columns::new(tissue.clone(), lattice, probe);
-    paths.sample(&lattice, &mut columns, &slice.phantom_from_probe, slice.indentation.as_ref());
+    let half = [0, 1].map(|axis| (tissue.size_m()[axis] / 2.0 / lattice.row_spacing_m).ceil() as i32 + 1);
+    let places = || (-half[1]..half[1]).flat_map(|iy| (-half[0]..half[0]).map(move |ix| [ix, iy]));
+    places().for_each(|[ix, iy]| columns.learn(ix, iy));
+    paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), slice.indentation.as_ref());
     paths.build(&beam, slice, needle.outer_diameter_m);
     let mut canvas =
         Canvas { beam: &beam, paths: &paths, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
 
     let probe_from_phantom = slice.phantom_from_probe.inverse();
-    let half = [0, 1].map(|axis| (tissue.size_m()[axis] / 2.0 / lattice.row_spacing_m).ceil() as i32 + 1);
     let mut segments = Vec::new();
-    for iy in -half[1]..half[1] {
-        for ix in -half[0]..half[0] {
-            let [x_m, y_m] = lattice.column_m(ix, iy);
-            tissue.column(x_m, y_m, &mut segments);
-            let offset = lattice.tape_offset(ix, iy);
-            for segment in &segments {
-                let material = &tissue.materials()[usize::from(segment.material)];
-                let Some(backscatter_db) = material.backscatter_db else { continue };
-                let strength = lattice.amplitude() * amplitude_from_db(backscatter_db);
-                let mut n = 0;
-                loop {
-                    let z_m = -(f64::from(n) + 0.5) * lattice.depth_step_m;
-                    if z_m <= segment.bottom_z_m {
-                        break;
-                    }
-                    let index = (offset + n as usize) % TAPE_LENGTH;
-                    n += 1;
-                    if z_m > segment.top_z_m {
-                        continue;
-                    }
-                    let rest = Point::new(x_m, y_m, z_m);
-                    let moved_m = slice.indentation.map_or(Vector::zeros(), |i| i.displacement_m(rest));
-                    let p = probe_from_phantom * (rest + moved_m);
-                    if p.z < 0.0 || p.z > frame.deepest_m() + REACH * beam.sigma_axial_m {
-                        continue;
-                    }
-                    let sigma_e_m = beam.sigma_elevation_m(p.z);
-                    let u = p.y / sigma_e_m;
-                    if u.abs() > REACH || p.x.abs() > beam.half_aperture_m + 5e-3 {
-                        continue;
-                    }
-                    let weight = strength * unit_energy_peak(sigma_e_m) * libm::exp(-0.5 * u * u);
-                    let (sin, cos) = libm::sincos(-beam.two_k_rad_m * p.z);
-                    let [re, im] = tape[index].map(f64::from);
-                    let value = [weight * (re * cos - im * sin), weight * (re * sin + im * cos)];
-                    canvas.add(p.x, p.z, value, true);
+    for [ix, iy] in places() {
+        let [x_m, y_m] = lattice.column_m(ix, iy);
+        tissue.column(x_m, y_m, &mut segments);
+        let offset = lattice.tape_offset(ix, iy);
+        for segment in &segments {
+            let material = &tissue.materials()[usize::from(segment.material)];
+            let Some(backscatter_db) = material.backscatter_db else { continue };
+            let strength = lattice.amplitude() * amplitude_from_db(backscatter_db);
+            let mut n = 0u32;
+            loop {
+                let z_m = -(f64::from(n) + 0.5) * lattice.depth_step_m;
+                if z_m <= segment.bottom_z_m {
+                    break;
                 }
+                let index = (offset + n as usize) % TAPE_LENGTH;
+                n += 1;
+                if z_m > segment.top_z_m {
+                    continue;
+                }
+                let rest = Point::new(x_m, y_m, z_m);
+                let moved_m = slice.indentation.map_or(Vector::zeros(), |i| i.displacement_m(rest));
+                let p = probe_from_phantom * (rest + moved_m);
+                if p.z < 0.0 || p.z > frame.deepest_m() + REACH * beam.sigma_axial_m {
+                    continue;
+                }
+                let sigma_e_m = beam.sigma_elevation_m(p.z);
+                let u = p.y / sigma_e_m;
+                if u.abs() > REACH || p.x.abs() > beam.half_aperture_m + 5e-3 {
+                    continue;
+                }
+                let weight = strength * unit_energy_peak(sigma_e_m) * libm::exp(-0.5 * u * u);
+                let (sin, cos) = libm::sincos(-beam.two_k_rad_m * p.z);
+                let [re, im] = tape[index].map(f64::from);
+                let value = [weight * (re * cos - im * sin), weight * (re * sin + im * cos)];
+                canvas.add(p.x, p.z, value, true);
             }
         }
     }

@@ -10,9 +10,10 @@ use crate::{
     beam::Beam,
     boundary,
     columns::Columns,
-    display::{Display, Exposure},
+    display::{self, Display, Exposure},
     echo::Echo,
     elevation::ElevationTable,
+    instructions::Instructions,
     jobs::Jobs,
     lateral::{BeamFilters, LateralFilters, LineMap},
     lattice::Lattice,
@@ -21,7 +22,7 @@ use crate::{
     points::{self, Points},
     shear::Shear,
     splat::{Grid, Sources},
-    stamp::{Layout, Stamps},
+    stamp::{self, Layout, Stamps},
     tape::BakedTape,
 };
 
@@ -34,6 +35,7 @@ const TASK_ROWS: usize = 120;
 /// is scratch, a cache of the tissue's columns and the field of the picture before, none of which shows in a
 /// picture.
 pub struct Renderer {
+    instructions: Instructions,
     probe: ProbeSpec,
     beam: Beam,
     lattice: Lattice,
@@ -145,6 +147,7 @@ impl Renderer {
         let half_width_m = -frame.first_x_m;
         let spacing_m = frame.geometry.spacing_m;
         Self {
+            instructions: Instructions::widest(),
             lateral: LateralFilters::new(&beam, spacing_m, half_width_m, frame.deepest_m()),
             display: Display::new(&beam, &probe, seed),
             columns: Columns::new(tissue, lattice, &probe),
@@ -168,6 +171,12 @@ impl Renderer {
         }
     }
 
+    /// Takes other instructions than the widest of this CPU; pictures are the same, byte by byte.
+    pub fn use_instructions(&mut self, instructions: Instructions) {
+        self.instructions = instructions;
+        self.made_for = None;
+    }
+
     /// Draws the slice into `image`, which takes the probe's picture size. The same slice gives the same
     /// bytes for any number of threads of the current rayon pool and any earlier pictures.
     pub fn render(&mut self, slice: &Slice, image: &mut Image) {
@@ -183,7 +192,8 @@ impl Renderer {
                 let (re, im) = field.split_at(padded);
                 pixels.fill(0);
                 let pixels = &mut pixels[first_px..][..columns];
-                this.display.row(&exposure, this.paths, row, (re, im), pixels);
+                let Finish { instructions, display, paths } = *this;
+                display::draw_row(instructions, display, &exposure, paths, row, (re, im), pixels);
             });
         });
     }
@@ -225,8 +235,10 @@ impl Renderer {
         self.scratch.resize_with(tasks, AxialScratch::default);
         let (beam, paths, lateral) = (&self.beam, &self.paths, &self.lateral);
         let (grid, stamps) = (&self.grid, &self.stamps);
-        let filters = map.map(|(map, rows)| BeamFilters { beam, paths, lateral, grid, map, rows });
-        let this = Finish { display: &self.display, paths };
+        let instructions = self.instructions;
+        let filters =
+            map.map(|(map, rows)| BeamFilters { instructions, beam, paths, lateral, grid, map, rows });
+        let this = Finish { instructions, display: &self.display, paths };
         self.field
             .par_chunks_mut(TASK_ROWS * 2 * padded)
             .zip(pixels.par_chunks_mut(TASK_ROWS * width))
@@ -239,7 +251,7 @@ impl Renderer {
                         Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
                         None => field.fill(0.0),
                     }
-                    stamps.apply(padded, first_row, field);
+                    stamp::apply(instructions, stamps, padded, first_row, field);
                 }
                 let rows = field.chunks_exact(2 * padded).zip(pixels.chunks_exact_mut(width));
                 for (i, (field, pixels)) in rows.enumerate() {
@@ -264,44 +276,47 @@ impl Renderer {
             margin_m,
             self.columns.half(),
         );
-        let Self { beam, lattice, tape, elevation, columns: tissue, paths, needle, surfaces, .. } = self;
+        let instructions = self.instructions;
+        let Self { beam, lattice, tape, elevation, columns: tissue, .. } = self;
         let (beam, lattice, shear) = (&*beam, &*lattice, shear.as_ref());
-        let pose = &slice.phantom_from_probe;
-        rayon::join(
-            || {
-                if let Some(shear) = shear {
-                    elevation.build(beam, shear, lattice.amplitude());
-                    tape.bake(beam, shear.row_step_m, shear.lateral_slope, shear.rows);
-                }
-                needle.build(beam, tape, slice);
-            },
-            || {
-                paths.sample(lattice, tissue, pose, slice.indentation.as_ref());
-                surfaces.clear();
-                if let Some(shear) = shear {
-                    let reverberates = self.probe.effects.reverberation;
-                    boundary::add_echoes(beam, lattice, shear, tissue, slice, reverberates, surfaces);
-                }
-            },
-        );
-        let Self { jobs, points, grid, stamps, .. } = self;
-        let (tape, elevation) = (&*tape, &*elevation);
+        let indentation = slice.indentation.as_ref();
+        if let Some(shear) = shear {
+            elevation.build(instructions, beam, shear, lattice.amplitude());
+            tape.bake(instructions, beam, shear.row_step_m, shear.lateral_slope, shear.rows);
+            for [ix, iy] in shear.columns_across(points::elevations_m(elevation, indentation)) {
+                tissue.learn(ix, iy);
+            }
+            for [ix, iy] in shear.columns_across(boundary::elevations_m(lattice, shear, indentation)) {
+                tissue.learn_facets(ix, iy);
+            }
+        }
+        let Self { jobs, points, grid, stamps, paths, needle, surfaces, .. } = self;
+        let (tape, elevation, tissue, pose) = (&*tape, &*elevation, &*tissue, &slice.phantom_from_probe);
+        let (reverberates, diameter_m) = (self.probe.effects.reverberation, self.needle_diameter_m);
         // The grid's tasks are there for whoever is done first.
         rayon::join(
             || {
                 let Some(shear) = shear else { return };
-                if let Some(indentation) = &slice.indentation {
-                    let model = points::Model { beam, tape, elevation, shear };
+                if let Some(indentation) = indentation {
+                    let model = points::Model { instructions, beam, tape, elevation, shear };
                     points.fill(model, lattice, tissue, pose, indentation, grid);
                 } else {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
                     jobs.build(shear, lattice, elevation, tissue, tape, phase_per_row_rad);
-                    grid.fill(shear, jobs, Sources { tape, elevation, columns: tissue });
+                    grid.fill(shear, jobs, Sources { instructions, tape, elevation, columns: tissue });
                 }
             },
             || {
-                paths.build(beam, slice, self.needle_diameter_m);
-                stamps.prepare(beam, paths, needle.echoes.iter().chain(&*surfaces), layout, rows);
+                needle.build(beam, tape, slice);
+                surfaces.clear();
+                // A pose that shows no tissue has none in the way either.
+                paths.sample(lattice, tissue, shear.map(|_| pose), indentation);
+                if let Some(shear) = shear {
+                    boundary::add_echoes(beam, lattice, shear, tissue, slice, reverberates, surfaces);
+                }
+                paths.build(beam, slice, diameter_m);
+                let echoes = [&*needle.echoes, surfaces];
+                stamp::prepare(instructions, stamps, beam, paths, echoes, layout, rows);
             },
         );
         let shear = shear?;
@@ -318,6 +333,7 @@ impl Renderer {
 
 /// What a finished row needs.
 struct Finish<'a> {
+    instructions: Instructions,
     display: &'a Display,
     paths: &'a Paths,
 }

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use crate::{
     columns::{Columns, Stretch},
     elevation::{ElevationTable, STRIDE},
+    instructions::{Instructions, wide},
     jobs::{Job, Jobs},
     shear::Shear,
     tape::{BakedTape, unpack},
@@ -41,11 +42,13 @@ struct Scratch {
     /// A band under way: per line all real parts, then all imaginary ones.
     by_line: Vec<f32>,
     mixed: Vec<f32>,
+    jobs: Vec<Job>,
 }
 
 /// What columns are made of.
 #[derive(Clone, Copy)]
 pub struct Sources<'a> {
+    pub instructions: Instructions,
     pub tape: &'a BakedTape,
     pub elevation: &'a ElevationTable,
     pub columns: &'a Columns,
@@ -59,8 +62,8 @@ impl Grid {
         let tasks = self.bands.par_chunks_mut(TASK_BANDS).zip(&mut self.scratch);
         tasks.enumerate().for_each(|(task, (bands, scratch))| {
             for (i, band) in bands.iter_mut().enumerate() {
-                let first = (task * TASK_BANDS + i) * BAND;
-                band.fill(first, BAND.min(shear.lines - first), jobs, sources, scratch);
+                let index = task * TASK_BANDS + i;
+                band.fill(index, BAND.min(shear.lines - index * BAND), jobs, sources, scratch);
             }
         });
     }
@@ -99,27 +102,33 @@ impl Grid {
 impl Band {
     /// Fills all rows of all lines. `add` gets the lines one after another and the values per part: real ones, then
     /// imaginary ones, each with `margin` rows more at both ends, which are dropped.
-    pub fn fill_whole(&mut self, rows: usize, margin: usize, add: impl FnOnce(&mut [f32], usize)) {
+    pub fn fill_whole(
+        &mut self,
+        instructions: Instructions,
+        rows: usize,
+        margin: usize,
+        add: impl FnOnce(&mut [f32], usize),
+    ) {
         let stride = rows + 2 * margin;
         let mut by_line = vec![0.0; BAND * 2 * stride];
         add(&mut by_line, stride);
         (self.lo, self.hi) = (0, rows);
         self.rows.resize(rows * 2 * BAND, 0.0);
-        transpose(&by_line[margin..], 2 * stride, rows, &mut self.rows);
-        transpose(&by_line[stride + margin..], 2 * stride, rows, &mut self.rows[BAND..]);
+        transpose(instructions, &by_line[margin..], 2 * stride, rows, &mut self.rows);
+        transpose(instructions, &by_line[stride + margin..], 2 * stride, rows, &mut self.rows[BAND..]);
     }
 
-    fn fill(&mut self, first: usize, lines: usize, jobs: &Jobs, sources: Sources, scratch: &mut Scratch) {
-        let from = jobs.starts[first.saturating_sub(1)] as usize;
-        let jobs_here = &jobs.sorted[from..jobs.starts[first + lines] as usize];
-        self.lo = jobs_here.iter().map(|job| job.lo).min().unwrap_or(0) as usize;
-        self.hi = jobs_here.iter().map(|job| job.hi).max().unwrap_or(0) as usize;
+    fn fill(&mut self, index: usize, lines: usize, jobs: &Jobs, sources: Sources, scratch: &mut Scratch) {
+        let first = index * BAND;
+        jobs.of_band(index, &mut scratch.jobs);
+        self.lo = scratch.jobs.iter().map(|job| job.lo).min().unwrap_or(0) as usize;
+        self.hi = scratch.jobs.iter().map(|job| job.hi).max().unwrap_or(0) as usize;
         let rows = self.hi - self.lo;
         let width = 2 * rows;
-        let Scratch { by_line, mixed } = scratch;
+        let Scratch { jobs, by_line, mixed } = scratch;
         by_line.clear();
         by_line.resize(BAND * width, 0.0);
-        for job in jobs_here {
+        for job in &*jobs {
             let line = job.line as usize;
             if line < first {
                 // The column's left line belongs to the band before.
@@ -136,8 +145,8 @@ impl Band {
         // `resize` keeps old values; every one is overwritten.
         self.rows.resize(rows * 2 * BAND, 0.0);
         if rows > 0 {
-            transpose(by_line, width, rows, &mut self.rows);
-            transpose(&by_line[rows..], width, rows, &mut self.rows[BAND..]);
+            transpose(sources.instructions, by_line, width, rows, &mut self.rows);
+            transpose(sources.instructions, &by_line[rows..], width, rows, &mut self.rows[BAND..]);
         }
     }
 }
@@ -147,65 +156,53 @@ struct Run<'a> {
     samples: &'a [u32],
     weights: &'a [f32],
     factor: [f32; 2],
+    instructions: Instructions,
     /// First row, counted from the band's, and one past the last.
     rows: [usize; 2],
 }
 
-/// Finds the runs of a column. `mixed` is scratch.
+/// Finds what a job adds. `mixed` is scratch.
 #[inline(always)]
-fn add_column(job: &Job, band_lo: usize, sources: Sources, mixed: &mut Vec<f32>, mut add: impl FnMut(Run)) {
-    let (runs, weights) = sources.elevation.runs(job.crossing);
-    let samples = &sources.tape.samples[job.tape as usize..][..(job.hi - job.lo) as usize];
-    let stretches = job.stretches.map(|range| sources.columns.stretches(range));
-    for run in runs {
-        let (lo, hi) = (run.lo.max(job.lo), run.hi.min(job.hi));
-        if lo >= hi {
-            continue;
-        }
-        let (row, count) = (lo as usize, (hi - lo) as usize);
-        let weights = &weights[run.first as usize + row - run.lo as usize..][..count];
+fn add_column(job: &Job, band_lo: usize, sources: Sources, mixed: &mut Vec<f32>, add: impl FnOnce(Run)) {
+    let (row, count) = (job.lo as usize, (job.hi - job.lo) as usize);
+    let mut weights = sources.elevation.weights(job.weights, count);
+    if let Some(stretches) = job.stretches {
         // Scatterer n lies in row n + row_of_0.
-        let [lo, hi] = [lo, hi].map(|row| row as i32 - job.row_of_0);
-        let (weights, factor) = match stretches {
-            None => (weights, [job.re, job.im]),
-            Some(stretches) => {
-                let below = stretches.iter().take_while(|s| s.end <= lo).count();
-                match stretches.get(below) {
-                    Some(s) if s.start <= lo && hi <= s.end => {
-                        (weights, [job.re * s.amplitude, job.im * s.amplitude])
-                    }
-                    _ => {
-                        mix(weights, lo, &stretches[below..], mixed);
-                        (&mixed[..], [job.re, job.im])
-                    }
-                }
-            }
-        };
-        if factor != [0.0, 0.0] {
-            add(Run {
-                samples: &samples[row - job.lo as usize..][..count],
-                weights,
-                factor,
-                rows: [row - band_lo, row - band_lo + count],
-            });
-        }
+        let first = job.lo as i32 - job.row_of_0;
+        mixed.resize(mixed.len().max(count), 0.0);
+        mix(sources.instructions, weights, first, sources.columns.stretches(stretches), &mut mixed[..count]);
+        weights = &mixed[..count];
     }
+    add(Run {
+        samples: &sources.tape.samples[job.tape as usize..][..count],
+        weights,
+        factor: [job.re, job.im],
+        instructions: sources.instructions,
+        rows: [row - band_lo, row - band_lo + count],
+    });
 }
 
-/// Weights times the amplitudes of several materials; nothing where there is none.
-fn mix(weights: &[f32], first: i32, stretches: &[Stretch], mixed: &mut Vec<f32>) {
-    let count = weights.len() as i32;
-    mixed.clear();
-    for stretch in stretches {
-        let start = (stretch.start - first).clamp(0, count) as usize;
-        let end = stretch.end.saturating_sub(first).clamp(0, count) as usize;
-        mixed.resize(start, 0.0);
-        mixed.extend(weights[start..end].iter().map(|w| w * stretch.amplitude));
-        if end == weights.len() {
-            return;
+wide! {
+    /// Weights times the amplitudes of several materials, of scatterers from `first` on; nothing where there is none.
+    fn mix(weights: &[f32], first: i32, stretches: &[Stretch], mixed: &mut [f32]) {
+        let count = weights.len() as i32;
+        let mut next = 0;
+        for stretch in stretches {
+            let [start, end] =
+                [stretch.start, stretch.end].map(|n| n.saturating_sub(first).clamp(0, count) as usize);
+            // A call for nothing takes as long as the loop below.
+            if next < start {
+                mixed[next..start].fill(0.0);
+            }
+            for (mixed, weight) in mixed[start..end].iter_mut().zip(&weights[start..end]) {
+                *mixed = weight * stretch.amplitude;
+            }
+            next = end;
+        }
+        if next < mixed.len() {
+            mixed[next..].fill(0.0);
         }
     }
-    mixed.resize(weights.len(), 0.0);
 }
 
 impl Run<'_> {
@@ -213,7 +210,8 @@ impl Run<'_> {
         let (left_re, left_im) = self.parts(left);
         let (right_re, right_im) = self.parts(right);
         let share = [1.0 - fraction, fraction];
-        add_to_two(self.samples, self.weights, self.factor, share, left_re, left_im, right_re, right_im);
+        let Self { instructions, samples, weights, factor, .. } = *self;
+        add_to_two(instructions, samples, weights, factor, share, left_re, left_im, right_re, right_im);
     }
 
     fn add_to_one(&self, line: &mut [f32], share: f32) {
@@ -239,39 +237,44 @@ fn weighted(sample: u32, weight: f32, [c_re, c_im]: [f32; 2]) -> [f32; 2] {
     [weight * (c_re * re - c_im * im), weight * (c_re * im + c_im * re)]
 }
 
-/// Not inlined: as arguments the slices are known to be apart, and the loop vectorises without checks.
-#[inline(never)]
-#[expect(clippy::too_many_arguments, reason = "six streams and their factors")]
-fn add_to_two(
-    samples: &[u32],
-    weights: &[f32],
-    factor: [f32; 2],
-    [a, b]: [f32; 2],
-    left_re: &mut [f32],
-    left_im: &mut [f32],
-    right_re: &mut [f32],
-    right_im: &mut [f32],
-) {
-    let count = samples.len();
-    let weights = &weights[..count];
-    let (left_re, left_im) = (&mut left_re[..count], &mut left_im[..count]);
-    let (right_re, right_im) = (&mut right_re[..count], &mut right_im[..count]);
-    for i in 0..count {
-        let [re, im] = weighted(samples[i], weights[i], factor);
-        left_re[i] += a * re;
-        left_im[i] += a * im;
-        right_re[i] += b * re;
-        right_im[i] += b * im;
+wide! {
+    /// A function of its own: as arguments the slices are known to be apart, and the loop vectorises without checks.
+    #[inline(never)]
+    #[expect(clippy::too_many_arguments, reason = "six streams and their factors")]
+    fn add_to_two(
+        samples: &[u32],
+        weights: &[f32],
+        factor: [f32; 2],
+        share: [f32; 2],
+        left_re: &mut [f32],
+        left_im: &mut [f32],
+        right_re: &mut [f32],
+        right_im: &mut [f32],
+    ) {
+        let count = samples.len();
+        let weights = &weights[..count];
+        let (left_re, left_im) = (&mut left_re[..count], &mut left_im[..count]);
+        let (right_re, right_im) = (&mut right_re[..count], &mut right_im[..count]);
+        let [a, b] = share;
+        for i in 0..count {
+            let [re, im] = weighted(samples[i], weights[i], factor);
+            left_re[i] += a * re;
+            left_im[i] += a * im;
+            right_re[i] += b * re;
+            right_im[i] += b * im;
+        }
     }
 }
 
-/// Turns lines, `stride` apart, into rows of a band, by quads.
-fn transpose(source: &[f32], stride: usize, rows: usize, out: &mut [f32]) {
-    for line in (0..BAND).step_by(4) {
-        let [a, b, c, d] = [0, 1, 2, 3].map(|i| source[(line + i) * stride..][..rows].as_chunks::<4>().0);
-        for ((((a, b), c), d), out) in a.iter().zip(b).zip(c).zip(d).zip(out.chunks_mut(4 * 2 * BAND)) {
-            for j in 0..4 {
-                out[j * 2 * BAND + line..][..4].copy_from_slice(&[a[j], b[j], c[j], d[j]]);
+wide! {
+    /// Turns lines, `stride` apart, into rows of a band, by quads.
+    fn transpose(source: &[f32], stride: usize, rows: usize, out: &mut [f32]) {
+        for line in (0..BAND).step_by(4) {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| source[(line + i) * stride..][..rows].as_chunks::<4>().0);
+            for ((((a, b), c), d), out) in a.iter().zip(b).zip(c).zip(d).zip(out.chunks_mut(4 * 2 * BAND)) {
+                for j in 0..4 {
+                    out[j * 2 * BAND + line..][..4].copy_from_slice(&[a[j], b[j], c[j], d[j]]);
+                }
             }
         }
     }

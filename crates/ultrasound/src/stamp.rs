@@ -8,6 +8,7 @@ use crate::{
     beam::Beam,
     echo::Echo,
     fast::{NEPER_PER_POWER_DB, exp_minus, floor, power_db},
+    instructions::wide,
     paths::Paths,
 };
 
@@ -60,24 +61,45 @@ struct Place {
 }
 
 impl Stamps {
+    /// Appends a lateral profile; its first column and width, `None` when it misses the picture.
+    #[inline(always)]
+    fn push_lateral(&mut self, column: f64, sigma: f64, reach: f64, layout: &Layout) -> Option<(u32, usize)> {
+        let [lo, hi] = range(column, reach * sigma, layout.columns).map(|c| c as usize);
+        if lo >= hi {
+            return None;
+        }
+        let width = (hi - lo).next_multiple_of(WIDTH);
+        // Near the right side the window moves in.
+        let first = lo.min(layout.columns - width);
+        let decay = (0.5 / (sigma * sigma)) as f32;
+        let column = (column - first as f64) as f32;
+        self.lateral.extend((0..width).map(|i| {
+            let d = i as i32 as f32 - column;
+            exp_minus(d * d * decay)
+        }));
+        Some((first as u32, width))
+    }
+}
+
+wide! {
     /// Replaces all by the stamps of the echoes that show; those from one place follow one another.
-    pub fn prepare<'a>(
-        &mut self,
+    pub fn prepare(
+        stamps: &mut Stamps,
         beam: &Beam,
         paths: &Paths,
-        echoes: impl Iterator<Item = &'a Echo>,
+        echoes: [&[Echo]; 2],
         layout: &Layout,
         rows: usize,
     ) {
-        self.stamps.clear();
-        self.axial.clear();
-        self.lateral.clear();
+        stamps.stamps.clear();
+        stamps.axial.clear();
+        stamps.lateral.clear();
         let pixels = |v_m: f64| v_m / layout.spacing_m;
         let sigma_z = pixels(beam.sigma_axial_m);
         let decay_z = (0.5 / (sigma_z * sigma_z)) as f32;
         let mut place =
             Place { at_m: [f64::NAN; 2], stretch: 1.0, sigma_x: 0.0, delay_m: 0.0, has_stamp: false };
-        for echo in echoes {
+        for echo in echoes.into_iter().flatten() {
             let over_floor = (echo.re * echo.re + echo.im * echo.im) / (FLOOR * FLOOR);
             if over_floor <= 1.0 {
                 continue;
@@ -101,24 +123,24 @@ impl Stamps {
                 continue;
             }
             let runs_into = |last: &Stamp| last.rows[0] <= lo && lo <= last.rows[1];
-            if !place.has_stamp || !self.stamps.last().is_some_and(runs_into) {
+            if !place.has_stamp || !stamps.stamps.last().is_some_and(runs_into) {
                 let column = pixels(echo.x_m - layout.first_x_m);
-                let Some((column, width)) = self.push_lateral(column, place.sigma_x, reach, layout) else {
+                let Some((column, width)) = stamps.push_lateral(column, place.sigma_x, reach, layout) else {
                     continue;
                 };
                 place.has_stamp = true;
-                let lateral = (self.lateral.len() - width) as u32;
-                let axial = self.axial.len() as u32;
-                self.stamps.push(Stamp { rows: [lo, lo], column, width: width as u32, axial, lateral });
+                let lateral = (stamps.lateral.len() - width) as u32;
+                let axial = stamps.axial.len() as u32;
+                stamps.stamps.push(Stamp { rows: [lo, lo], column, width: width as u32, axial, lateral });
             }
-            let Some(stamp) = self.stamps.last_mut() else { continue };
+            let Some(stamp) = stamps.stamps.last_mut() else { continue };
             stamp.rows[1] = stamp.rows[1].max(hi);
-            self.axial.resize((stamp.axial + stamp.rows[1] - stamp.rows[0]) as usize, [0.0; 2]);
+            stamps.axial.resize((stamp.axial + stamp.rows[1] - stamp.rows[0]) as usize, [0.0; 2]);
             // Speckle keeps its level when the beam widens; a point spreads its energy.
             let scale = 1.0 / place.stretch.sqrt();
             let [re, im] = echo.baseband(beam, place.delay_m).map(|part| (scale * part) as f32);
             let profile =
-                &mut self.axial[(stamp.axial + lo - stamp.rows[0]) as usize..][..(hi - lo) as usize];
+                &mut stamps.axial[(stamp.axial + lo - stamp.rows[0]) as usize..][..(hi - lo) as usize];
             let row = (row - f64::from(lo)) as f32;
             for (i, out) in profile.iter_mut().enumerate() {
                 let d = i as i32 as f32 - row;
@@ -128,37 +150,21 @@ impl Stamps {
             }
         }
     }
+}
 
-    /// Appends a lateral profile; its first column and width, `None` when it misses the picture.
-    fn push_lateral(&mut self, column: f64, sigma: f64, reach: f64, layout: &Layout) -> Option<(u32, usize)> {
-        let [lo, hi] = range(column, reach * sigma, layout.columns).map(|c| c as usize);
-        if lo >= hi {
-            return None;
-        }
-        let width = (hi - lo).next_multiple_of(WIDTH);
-        // Near the right side the window moves in.
-        let first = lo.min(layout.columns - width);
-        let decay = (0.5 / (sigma * sigma)) as f32;
-        let column = (column - first as f64) as f32;
-        self.lateral.extend((0..width).map(|i| {
-            let d = i as i32 as f32 - column;
-            exp_minus(d * d * decay)
-        }));
-        Some((first as u32, width))
-    }
-
+wide! {
     /// Adds the stamps to the rows from `first_row` on; a row holds `columns` real parts, then imaginary ones.
-    pub fn apply(&self, columns: usize, first_row: usize, field: &mut [f32]) {
+    pub fn apply(stamps: &Stamps, columns: usize, first_row: usize, field: &mut [f32]) {
         let end_row = first_row + field.len() / (2 * columns);
-        for stamp in &self.stamps {
+        for stamp in &stamps.stamps {
             let [top, bottom] = stamp.rows.map(|row| row as usize);
             let (lo, hi) = (top.max(first_row), bottom.min(end_row));
             if lo >= hi {
                 continue;
             }
-            let profile = &self.axial[stamp.axial as usize + lo - top..][..hi - lo];
+            let profile = &stamps.axial[stamp.axial as usize + lo - top..][..hi - lo];
             let (lateral, _) =
-                self.lateral[stamp.lateral as usize..][..stamp.width as usize].as_chunks::<WIDTH>();
+                stamps.lateral[stamp.lateral as usize..][..stamp.width as usize].as_chunks::<WIDTH>();
             let rows = field[(lo - first_row) * 2 * columns..].chunks_exact_mut(2 * columns);
             for (row, &[re, im]) in rows.zip(profile) {
                 let (out_re, out_im) = row.split_at_mut(columns);

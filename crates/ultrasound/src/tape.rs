@@ -4,7 +4,11 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::{beam::Beam, lattice::TAPE_LENGTH};
+use crate::{
+    beam::Beam,
+    instructions::{Instructions, wide},
+    lattice::TAPE_LENGTH,
+};
 
 /// Taps of a delay filter, centred.
 pub const DELAY_TAPS: usize = 9;
@@ -75,7 +79,14 @@ impl BakedTape {
     }
 
     /// Prepares the tape for columns of up to `rows` rows.
-    pub fn bake(&mut self, beam: &Beam, row_step_m: f64, lateral_slope: f64, rows: usize) {
+    pub fn bake(
+        &mut self,
+        instructions: Instructions,
+        beam: &Beam,
+        row_step_m: f64,
+        lateral_slope: f64,
+        rows: usize,
+    ) {
         let stride = TAPE_LENGTH + rows;
         if self.stride >= stride && self.row_step_m == row_step_m && self.lateral_slope == lateral_slope {
             return;
@@ -89,7 +100,7 @@ impl BakedTape {
         self.samples
             .par_chunks_mut(stride)
             .zip(filters)
-            .for_each(|(samples, filter)| filter_samples(samples, modulated, filter));
+            .for_each(|(samples, filter)| filter_samples(instructions, samples, modulated, filter));
     }
 
     fn modulate(&mut self, phase_per_row_rad: f64) {
@@ -123,27 +134,31 @@ impl BakedTape {
     }
 }
 
-fn filter_samples(out: &mut [u32], [re, im]: &[Vec<f32>; 2], filter: &[f32; DELAY_TAPS]) {
-    for (index, out) in out.chunks_mut(BLOCK).enumerate() {
-        let (mut sum_re, mut sum_im) = ([0.0f32; BLOCK], [0.0f32; BLOCK]);
-        for (m, &tap) in filter.iter().enumerate() {
-            // out[q] = Σ_m K[m]·t[q − m], m from −DELAY_REACH; the modulated tape starts DELAY_REACH samples early.
-            let first = index * BLOCK + DELAY_TAPS - 1 - m;
-            for (s, &t) in sum_re.iter_mut().zip(&re[first..][..BLOCK]) {
-                *s += tap * t;
+wide! {
+    fn filter_samples(out: &mut [u32], modulated: &[Vec<f32>; 2], filter: &[f32; DELAY_TAPS]) {
+        let [re, im] = modulated;
+        for (index, out) in out.chunks_mut(BLOCK).enumerate() {
+            let (mut sum_re, mut sum_im) = ([0.0f32; BLOCK], [0.0f32; BLOCK]);
+            for (m, &tap) in filter.iter().enumerate() {
+                // out[q] = Σ_m K[m]·t[q − m], m from −DELAY_REACH; the modulated tape starts DELAY_REACH samples early.
+                let first = index * BLOCK + DELAY_TAPS - 1 - m;
+                for (s, &t) in sum_re.iter_mut().zip(&re[first..][..BLOCK]) {
+                    *s += tap * t;
+                }
+                for (s, &t) in sum_im.iter_mut().zip(&im[first..][..BLOCK]) {
+                    *s += tap * t;
+                }
             }
-            for (s, &t) in sum_im.iter_mut().zip(&im[first..][..BLOCK]) {
-                *s += tap * t;
+            for ((o, &re), &im) in out.iter_mut().zip(&sum_re).zip(&sum_im) {
+                *o = pack(re, im);
             }
-        }
-        for ((o, &re), &im) in out.iter_mut().zip(&sum_re).zip(&sum_im) {
-            *o = pack(re, im);
         }
     }
 }
 
 /// Real part in the high half, imaginary part in the low one, each rounded to the upper 16 bits of an f32
 /// (0.2 % rms): half the memory to read, and a mask or a shift brings a part back.
+#[inline(always)]
 fn pack(re: f32, im: f32) -> u32 {
     let rounded = |v: f32| v.to_bits() + 0x7fff + ((v.to_bits() >> 16) & 1);
     (rounded(re) & 0xffff_0000) | (rounded(im) >> 16)

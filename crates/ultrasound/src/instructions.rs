@@ -1,0 +1,72 @@
+//! Wider instructions where the CPU has them.
+//!
+//! The shipped program runs on any x86-64, and on other machines; the loops that take most of the time are compiled
+//! once more for wider vectors, and the CPU decides at run time. Vectors only do several lanes at once: no sum
+//! changes its order and nothing is fused, so every version gives the same bits.
+
+/// Instructions that this CPU has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Instructions(Set);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Set {
+    Plain,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+}
+
+impl Instructions {
+    /// What every CPU of the architecture has.
+    pub const PLAIN: Self = Self(Set::Plain);
+
+    /// All sets that this CPU has versions of the loops for, the widest last.
+    pub fn available() -> Vec<Self> {
+        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "one set only"))]
+        let mut sets = vec![Self::PLAIN];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") {
+                sets.push(Self(Set::Avx2));
+            }
+        }
+        sets
+    }
+
+    /// The widest set.
+    pub fn widest() -> Self {
+        Self::available().pop().unwrap_or(Self::PLAIN)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn has_avx2(self) -> bool {
+        self.0 == Set::Avx2
+    }
+}
+
+/// Compiles a function for every set of instructions; callers name the set first. What it calls is part of it only
+/// where it is inlined.
+macro_rules! wide {
+    ($(#[$attribute:meta])* $visibility:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
+        $(#[$attribute])*
+        $visibility fn $name(instructions: $crate::instructions::Instructions, $($argument: $type),*) {
+            #[inline(always)]
+            #[allow(clippy::too_many_arguments, reason = "the outer function says why")]
+            fn plain($($argument: $type),*) $body
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2")]
+            #[allow(clippy::too_many_arguments, reason = "the outer function says why")]
+            fn avx2($($argument: $type),*) {
+                plain($($argument),*)
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[expect(unsafe_code, reason = "a call of a function for instructions that may be missing")]
+            if instructions.has_avx2() {
+                // SAFETY: such a set exists only where the CPU was seen to have these instructions.
+                return unsafe { avx2($($argument),*) };
+            }
+            plain($($argument),*)
+        }
+    };
+}
+
+pub(crate) use wide;
