@@ -133,6 +133,8 @@ pub struct Material {
     pub acoustics: Acoustics,
     /// Young's modulus; `None` for liquids, which bear no probe.
     pub youngs_modulus_pa: Option<f64>,
+    /// Friction on the shaft of a 22G needle per buried length; `None` where no needle goes in. Not simulated yet.
+    pub needle_friction_n_m: Option<f64>,
 }
 
 /// A body inside the phantom.

@@ -5,7 +5,7 @@
 //! stands for the whole slice, the surface being a plane there; laterally facets interfere as the surface does. Every
 //! surface is rough as well; that part is a layer of stronger scatterers, made in `columns`.
 
-use sonoloop_types::{Indentation, Point, Slice, Vector};
+use sonoloop_types::{Point, Slice, Vector};
 
 use crate::{
     beam::{Beam, NEPER_PER_DB, amplitude_from_db},
@@ -13,6 +13,7 @@ use crate::{
     echo::Echo,
     fast::exp_minus,
     lattice::Lattice,
+    motion::Motion,
     shear::Shear,
 };
 
@@ -143,13 +144,13 @@ fn window_m(lattice: &Lattice) -> f64 {
 }
 
 /// How far from the plane columns may stand whose facets are drawn: moved ones come from farther away.
-fn reach_m(lattice: &Lattice, indentation: Option<&Indentation>) -> f64 {
-    WINDOW_REACH * window_m(lattice) + indentation.map_or(0.0, |i| i.depth_m.abs())
+fn reach_m(lattice: &Lattice, motion: Option<&Motion>) -> f64 {
+    WINDOW_REACH * window_m(lattice) + motion.map_or(0.0, Motion::depth_m)
 }
 
 /// Range of e′ of those columns.
-pub fn elevations_m(lattice: &Lattice, shear: &Shear, indentation: Option<&Indentation>) -> [f64; 2] {
-    let reach_m = reach_m(lattice, indentation);
+pub fn elevations_m(lattice: &Lattice, shear: &Shear, motion: Option<&Motion>) -> [f64; 2] {
+    let reach_m = reach_m(lattice, motion);
     let drift_m = -shear.elevation_slope * shear.rows as f64 * shear.row_step_m;
     [drift_m.min(0.0) - reach_m, drift_m.max(0.0) + reach_m]
 }
@@ -161,6 +162,7 @@ pub fn add_echoes(
     shear: &Shear,
     columns: &Columns,
     slice: &Slice,
+    motion: Option<&Motion>,
     reverberates: bool,
     echoes: &mut Vec<Echo>,
 ) {
@@ -171,9 +173,8 @@ pub fn add_echoes(
     let window_m = window_m(lattice);
     let plane = amplitude_from_db(PLANE_LEVEL_DB);
     let level = plane * dx_m * dy_m * down.z.abs() / (core::f64::consts::TAU * window_m);
-    let indentation = slice.indentation.as_ref();
-    let (reach_m, moved_reach_m) = (WINDOW_REACH * window_m, reach_m(lattice, indentation));
-    for [ix, iy] in shear.columns_across(elevations_m(lattice, shear, indentation)) {
+    let (reach_m, moved_reach_m) = (WINDOW_REACH * window_m, reach_m(lattice, motion));
+    for [ix, iy] in shear.columns_across(elevations_m(lattice, shear, motion)) {
         // Only where the column is near the plane.
         let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
         let [high_m, low_m] =
@@ -184,9 +185,9 @@ pub fn add_echoes(
             let mut e_m = e_m + shear.elevation_slope * z_m;
             let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
             let mut normal = Vector::new(-facet.slope[0], -facet.slope[1], 1.0);
-            if let Some(indentation) = &slice.indentation {
+            if let Some(motion) = motion {
                 let [column_x_m, column_y_m] = lattice.column_m(ix, iy);
-                let moved = moved(indentation, Point::new(column_x_m, column_y_m, facet.z_m), facet.slope);
+                let moved = moved(motion, Point::new(column_x_m, column_y_m, facet.z_m), facet.slope);
                 [x_m, e_m, z_m] = [(x_m, lateral), (e_m, elevational), (z_m, down)]
                     .map(|(at_rest_m, axis)| at_rest_m + moved.by_m.dot(&axis));
                 normal = moved.normal;
@@ -227,12 +228,12 @@ struct Moved {
     normal: Vector,
 }
 
-fn moved(indentation: &Indentation, rest: Point, slope: [f64; 2]) -> Moved {
+fn moved(motion: &Motion, rest: Point, slope: [f64; 2]) -> Moved {
     const STEP_M: f64 = 0.1e-3;
-    let by_m = indentation.displacement_m(rest);
+    let by_m = motion.displacement_m(rest);
     let along = |x: f64, y: f64| {
         let tangent = Vector::new(x, y, x * slope[0] + y * slope[1]);
-        tangent + (indentation.displacement_m(rest + tangent * STEP_M) - by_m) / STEP_M
+        tangent + (motion.displacement_m(rest + tangent * STEP_M) - by_m) / STEP_M
     };
     Moved { by_m, normal: along(1.0, 0.0).cross(&along(0.0, 1.0)) }
 }

@@ -13,15 +13,21 @@ use crate::{
 const AIR_GAP_M: f32 = 1e-7;
 /// Bands of ringing wave up and down by this. [assumed]
 const RINGING_WAVE_M: f32 = 0.12e-3;
+/// Distance of the bands under a bare lens: one passage through it. [assumed]
+const LENS_M: f64 = 0.9e-3;
+/// Gel follows the face so far before it tears. [assumed] Sound goes to and fro in it as well, so the bands lie farther
+/// apart where the gap is wider, and those of a probe that is lifted on one side slant.
+const FILM_M: f64 = 0.5e-3;
 
 /// Contact of the elements in one picture.
 pub struct Contact {
     elements: usize,
     pitch_m: f64,
-    /// Share of the near aperture that is blind, per displayed column, times the strength of its elements' ringing; and
-    /// by how much this is drawn farther down.
+    /// Share of the near aperture that is blind, per displayed column, times the strength of its elements' ringing; by how
+    /// much this is drawn farther down, and how far apart its bands are.
     pub blind: Vec<f32>,
     pub ringing_shift_m: Vec<f32>,
+    pub band_spacing_m: Vec<f32>,
     pub any_blind: bool,
     /// Coupled elements left of each edge between elements.
     coupled: Vec<f64>,
@@ -50,6 +56,7 @@ impl Contact {
             pitch_m: probe.pitch_m,
             blind: Vec::new(),
             ringing_shift_m: Vec::new(),
+            band_spacing_m: Vec::new(),
             any_blind: false,
             coupled: Vec::new(),
         }
@@ -58,10 +65,14 @@ impl Contact {
     pub fn set(&mut self, element_gap_m: &[f32], plane: &Plane, beam: &Beam) {
         let coupled = |i: usize| element_gap_m.get(i).is_none_or(|&gap| gap <= AIR_GAP_M);
         self.any_blind = (0..self.elements).any(|i| !coupled(i));
-        self.blind.clear();
-        self.blind.resize(plane.columns, 0.0);
-        self.ringing_shift_m.clear();
-        self.ringing_shift_m.resize(plane.columns, 0.0);
+        for (by_column, value) in [
+            (&mut self.blind, 0.0),
+            (&mut self.ringing_shift_m, 0.0),
+            (&mut self.band_spacing_m, LENS_M as f32),
+        ] {
+            by_column.clear();
+            by_column.resize(plane.columns, value);
+        }
         if !self.any_blind {
             return;
         }
@@ -77,6 +88,11 @@ impl Contact {
             let (strength, shift_m) = ringing(x_m / self.pitch_m);
             self.blind[column] = (1.0 - share) * strength;
             self.ringing_shift_m[column] = shift_m;
+            let element = (x_m / self.pitch_m + (self.elements as f64 - 1.0) / 2.0).max(0.0);
+            let gap_m = |i: usize| f64::from(element_gap_m.get(i).copied().unwrap_or(0.0)).clamp(0.0, FILM_M);
+            let (left, right) = (gap_m(element as usize), gap_m(element as usize + 1));
+            self.band_spacing_m[column] =
+                (LENS_M + left + (right - left) * (element - element.floor())) as f32;
         }
     }
 

@@ -15,10 +15,9 @@ use crate::{
 const NOISE_LENGTH: usize = 1 << 16;
 /// Pixels that go through the steps together.
 const PASS: usize = 64;
-/// Ringing in the lens under a blind element: level over unit speckle, decay, spacing. [assumed]
+/// Ringing in the lens under a blind element: level over unit speckle, decay, width of a band. [assumed]
 const RINGING_LEVEL_DB: f64 = 28.0;
 const RINGING_DECAY_DB_M: f64 = 5.5e3;
-const RINGING_SPACING_M: f32 = 0.9e-3;
 const RINGING_SIGMA_M: f32 = 0.15e-3;
 /// Ringing is below the noise beyond this depth.
 const RINGING_DEPTH_M: f64 = 15e-3;
@@ -105,9 +104,10 @@ wide! {
             let noise = noise.map(|part| &part[here.clone()]);
             let mut ring = [0.0f32; PASS];
             if ringing > 0.0 {
-                let elements = contact.blind[here.clone()].iter().zip(&contact.ringing_shift_m[here.clone()]);
-                for (ring, (blind, shift_m)) in ring.iter_mut().zip(elements) {
-                    *ring = ringing * blind * band(z_m as f32 - shift_m);
+                let (blind, shift_m) = (&contact.blind[here.clone()], &contact.ringing_shift_m[here.clone()]);
+                let lenses = blind.iter().zip(shift_m).zip(&contact.band_spacing_m[here.clone()]);
+                for (ring, ((blind, shift_m), spacing_m)) in ring.iter_mut().zip(lenses) {
+                    *ring = ringing * blind * band(z_m as f32 - shift_m, *spacing_m);
                 }
             }
             for (x, level) in level.iter_mut().enumerate().take(pixels.len()) {
@@ -136,10 +136,12 @@ fn ringing_level(z_m: f64) -> f32 {
     amplitude_from_db(RINGING_LEVEL_DB - RINGING_DECAY_DB_M * z_m) as f32
 }
 
-/// Its bands: one per passage through the lens.
+/// Its bands: one per passage through the lens and the gel on it.
 #[inline(always)]
-fn band(z_m: f32) -> f32 {
-    let from_band_m = z_m - (z_m / RINGING_SPACING_M).round() * RINGING_SPACING_M;
+fn band(z_m: f32, spacing_m: f32) -> f32 {
+    // Adding 1.5·2²³ rounds to the nearest whole number.
+    const WHOLE: f32 = 12_582_912.0;
+    let from_band_m = z_m - ((z_m / spacing_m + WHOLE) - WHOLE) * spacing_m;
     let u = from_band_m / RINGING_SIGMA_M;
     0.15 + 0.85 * exp_minus(0.5 * u * u)
 }

@@ -21,15 +21,11 @@ impl Instructions {
 
     /// All sets that this CPU has versions of the loops for, the widest last.
     pub fn available() -> Vec<Self> {
-        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "one set only"))]
-        let mut sets = vec![Self::PLAIN];
         #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx2") {
-                sets.push(Self(Set::Avx2));
-            }
+        if is_x86_feature_detected!("avx2") {
+            return vec![Self::PLAIN, Self(Set::Avx2)];
         }
-        sets
+        vec![Self::PLAIN]
     }
 
     /// The widest set.
@@ -58,6 +54,8 @@ macro_rules! wide {
             fn avx2($($argument: $type),*) {
                 plain($($argument),*)
             }
+            #[cfg(not(target_arch = "x86_64"))]
+            let _ = instructions;
             #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "a call of a function for instructions that may be missing")]
             if instructions.has_avx2() {

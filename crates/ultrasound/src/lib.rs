@@ -69,6 +69,7 @@ mod jobs;
 mod lateral;
 mod lattice;
 mod march;
+mod motion;
 mod needle;
 mod occlusion;
 mod paths;

@@ -6,7 +6,7 @@
 //! exp(−loss): so a shadow has a penumbra and fills with depth, and blind elements dim what they would have
 //! seen. Sound goes both ways through the same paths; the field takes the square.
 
-use sonoloop_types::{Indentation, Point, Pose, ProbeSpec, Slice, Vector};
+use sonoloop_types::{Point, Pose, ProbeSpec, Slice, Vector};
 
 use crate::{
     beam::{Beam, pulse_loss_np},
@@ -15,6 +15,7 @@ use crate::{
     fast::{NEPER_PER_POWER_DB, exp_minus, power_db},
     lattice::Lattice,
     march::{DIRECTIONS, March},
+    motion::Motion,
     occlusion::Occlusion,
 };
 
@@ -122,7 +123,7 @@ impl Paths {
         lattice: &Lattice,
         tissue: &Columns,
         phantom_from_probe: Option<&Pose>,
-        indentation: Option<&Indentation>,
+        motion: Option<&Motion>,
     ) {
         let across = self.plane.knots_across();
         // Losses until all are known.
@@ -143,8 +144,9 @@ impl Paths {
             let mut stretches: &[Stretch] = &[];
             let mut moved_m = Vector::zeros();
             for row in 1..self.plane.knots_down() {
-                let rest = indentation.map_or(point, |i| i.rest(point, point - moved_m, 1));
-                moved_m = point - rest;
+                // What was moved here: a fixed-point step from where the tissue of the knot above had come from.
+                moved_m = motion.map_or(moved_m, |motion| motion.displacement_m(point - moved_m));
+                let rest = point - moved_m;
                 let indices = lattice.nearest(rest.x, rest.y);
                 let from = lattice.index_at(rest.z) as f32 - per_step / 2.0;
                 let to = from + per_step;

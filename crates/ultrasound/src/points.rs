@@ -5,15 +5,16 @@
 //! the last of them (0.5 mm) their motion is taken as even.
 
 use rayon::prelude::*;
-use sonoloop_types::{Indentation, Pose};
+use sonoloop_types::Pose;
 
 use crate::{
     beam::Beam,
     columns::{Columns, Range},
     elevation::{ElevationTable, RowProfile},
     fast::{exp_minus, floor, turn},
-    instructions::Instructions,
+    instructions::{Instructions, wide},
     lattice::Lattice,
+    motion::Motion,
     shear::Shear,
     splat::{BAND, Grid},
     tape::{BakedTape, DELAY_REACH, DELAY_TAPS},
@@ -34,7 +35,7 @@ struct Column {
     e_m: f64,
     /// Depth of scatterer 0 at rest, in rows.
     top_row: f64,
-    /// What [`Indentation::by_depth`] scales to the way down and to the way aside.
+    /// What [`Motion::by_depth`] scales to the way down and to the way aside.
     down_m: f64,
     aside_m: f64,
     tape: usize,
@@ -42,8 +43,8 @@ struct Column {
 }
 
 /// What all scatterers of a picture share.
-struct Motion {
-    /// [`Indentation::by_depth`] of each scatterer of a column.
+struct Flow {
+    /// [`Motion::by_depth`] of each scatterer of a column.
     by_depth: Vec<[f64; 2]>,
     /// Rows per metre down and aside; metres along lines and in elevation per metre aside.
     rows_per_m: [f64; 2],
@@ -62,8 +63,8 @@ pub struct Points {
 }
 
 /// Range of e′ at rest that meets the slice.
-pub fn elevations_m(elevation: &ElevationTable, indentation: Option<&Indentation>) -> [f64; 2] {
-    let margin_m = indentation.map_or(0.0, |indentation| indentation.depth_m.abs());
+pub fn elevations_m(elevation: &ElevationTable, motion: Option<&Motion>) -> [f64; 2] {
+    let margin_m = motion.map_or(0.0, Motion::depth_m);
     let [low_m, high_m] = elevation.range_m();
     [low_m - margin_m, high_m + margin_m]
 }
@@ -86,26 +87,36 @@ impl Points {
         lattice: &Lattice,
         tissue: &Columns,
         phantom_from_probe: &Pose,
-        indentation: &Indentation,
+        motion: &Motion,
         grid: &mut Grid,
     ) {
         let shear = model.shear;
-        let motion = Motion::new(shear, lattice, tissue, phantom_from_probe, indentation);
-        self.list(&motion, shear, model.elevation, lattice, tissue, indentation);
+        let flow = Flow::new(shear, lattice, tissue, phantom_from_probe, motion);
+        self.list(&flow, shear, model.elevation, lattice, tissue, motion);
         self.taps.clear();
         self.taps.extend(model.tape.delay_filters.iter().map(|filter| {
             let mut taps = [0.0; 2 * WINDOW];
             taps[WINDOW..WINDOW + DELAY_TAPS].copy_from_slice(filter);
             taps
         }));
-        let (this, motion) = (&*self, &motion);
+        let (this, flow) = (&*self, &flow);
         grid.bands(shear.lines).par_iter_mut().enumerate().for_each(|(index, band)| {
             let first = index * BAND;
             band.fill_whole(model.instructions, shear.rows, MARGIN, |by_line, stride| {
                 let lines = first..(first + BAND).min(shear.lines);
                 for &column in &this.by_band[index] {
                     let column = &this.columns[column as usize];
-                    this.add_column(&model, motion, tissue, column, &lines, by_line, stride);
+                    add_column(
+                        model.instructions,
+                        &this.taps,
+                        &model,
+                        flow,
+                        tissue,
+                        column,
+                        &lines,
+                        by_line,
+                        stride,
+                    );
                 }
             });
         });
@@ -114,27 +125,27 @@ impl Points {
     /// Finds the columns that may show, and the bands that each reaches.
     fn list(
         &mut self,
-        motion: &Motion,
+        flow: &Flow,
         shear: &Shear,
         elevation: &ElevationTable,
         lattice: &Lattice,
         tissue: &Columns,
-        indentation: &Indentation,
+        motion: &Motion,
     ) {
         self.columns.clear();
         self.by_band.iter_mut().for_each(Vec::clear);
         self.by_band.resize_with(shear.lines.div_ceil(BAND), Vec::new);
-        let steepest = motion.by_depth.iter().fold(0.0, |most: f64, by_depth| most.max(by_depth[1]));
-        for [ix, iy] in shear.columns_across(elevations_m(elevation, Some(indentation))) {
+        let steepest = flow.by_depth.iter().fold(0.0, |most: f64, by_depth| most.max(by_depth[1]));
+        for [ix, iy] in shear.columns_across(elevations_m(elevation, Some(motion))) {
             let stretches = tissue.get(ix, iy);
             if tissue.stretches(stretches).is_empty() {
                 continue;
             }
             let [x_m, y_m] = lattice.column_m(ix, iy);
-            let [down_m, aside_m] = indentation.by_place(x_m, y_m);
+            let [down_m, aside_m] = motion.by_place(x_m, y_m);
             let x_m = shear.x.at(ix, iy);
             let line = |aside_m: f64| {
-                let x_m = x_m + aside_m * motion.lines_per_aside;
+                let x_m = x_m + aside_m * flow.lines_per_aside;
                 floor((x_m - shear.first_line_m) / shear.line_pitch_m)
             };
             let (a, b) = (line(0.0), line(aside_m * steepest));
@@ -156,13 +167,15 @@ impl Points {
             });
         }
     }
+}
 
+wide! {
     /// Adds what a column's scatterers leave on some lines.
     #[expect(clippy::too_many_arguments, reason = "the scene, the column and where it goes")]
     fn add_column(
-        &self,
+        taps: &[[f32; 2 * WINDOW]],
         model: &Model,
-        motion: &Motion,
+        flow: &Flow,
         tissue: &Columns,
         column: &Column,
         lines: &core::ops::Range<usize>,
@@ -171,24 +184,24 @@ impl Points {
     ) {
         let Model { tape, elevation, shear, .. } = model;
         let rows = shear.rows as f64;
-        let end = motion.by_depth.len() as i32;
+        let end = flow.by_depth.len() as i32;
         for stretch in tissue.stretches(column.stretches).iter().filter(|s| s.amplitude != 0.0) {
             for first in (stretch.start..stretch.end.min(end)).step_by(GROUP) {
                 let count = (stretch.end.min(end) - first).min(GROUP as i32) as usize;
-                let ends = [first, first + count as i32 - 1].map(|n| motion.place(shear, column, n));
+                let ends =
+                    [flow.place(shear, column, first), flow.place(shear, column, first + count as i32 - 1)];
                 if ends[1].row < -(DELAY_REACH as f64) {
                     continue;
                 }
                 if ends[0].row > rows + DELAY_REACH as f64 - 1.0 {
                     return;
                 }
-                let beside = |value: fn(&Place) -> f64, reach: f64| {
-                    let [a, b] = [value(&ends[0]), value(&ends[1])];
-                    a.min(b) > reach || a.max(b) < -reach
-                };
-                let [above, below] = ends.each_ref().map(|place| elevation.profile(place.row));
+                let (above, below) = (elevation.profile(ends[0].row), elevation.profile(ends[1].row));
                 let reach_m = above.reach_m.max(below.reach_m);
-                if beside(|place| place.e_m, f64::from(reach_m)) || beside(|place| place.x_m, shear.reach_m) {
+                let beside = |a: f64, b: f64, reach: f64| (a > reach && b > reach) || (a < -reach && b < -reach);
+                if beside(ends[0].e_m, ends[1].e_m, f64::from(reach_m))
+                    || beside(ends[0].x_m, ends[1].x_m, shear.reach_m)
+                {
                     continue;
                 }
                 let place = 0.5 * (ends[0].line + ends[1].line);
@@ -216,7 +229,7 @@ impl Points {
                     let base = group.row[done];
                     let fits = |row: &&i32| (base..=base + SPREAD).contains(*row);
                     let together = group.row[done..count].iter().take_while(fits).count();
-                    let part = group.spread(&self.taps, done..done + together, base);
+                    let part = group.spread(taps, done..done + together, base);
                     let first_row = (first_row + i64::from(base)) as usize;
                     for (line, share) in [(line, 1.0 - fraction), (line + 1, fraction)] {
                         if line < lines.start as i64 || line >= lines.end as i64 {
@@ -258,16 +271,19 @@ fn weights(
     per_step: f32,
 ) -> [f32; GROUP] {
     let (decays, peaks) = (below.decay - above.decay, below.peak - above.peak);
-    STEPS.map(|step| {
+    let mut weights = [0.0; GROUP];
+    for (weight, step) in weights.iter_mut().zip(STEPS) {
         let (share, e_m) = (step * per_step, e_m + step * e_apart_m);
         let square = e_m * e_m;
-        let weight = (above.peak + share * peaks) * exp_minus(square * (above.decay + share * decays));
-        if square <= reach_m * reach_m { weight } else { 0.0 }
-    })
+        let inside = (above.peak + share * peaks) * exp_minus(square * (above.decay + share * decays));
+        *weight = if square <= reach_m * reach_m { inside } else { 0.0 };
+    }
+    weights
 }
 
 // Each step is a loop without branches, so that it vectorises.
 impl Group {
+    #[inline(always)]
     fn new(sample: usize, tape: &BakedTape) -> Self {
         let mut group = Self::default();
         for (i, (re, im)) in group.re.iter_mut().zip(&mut group.im).enumerate() {
@@ -288,8 +304,8 @@ impl Group {
     /// The phase of depth, −2π·turns.
     #[inline(always)]
     fn turn(&mut self, turns: f32, turns_apart: f32) {
-        let turned = STEPS.map(|step| turn(turns + step * turns_apart));
-        for (i, [cos, sin]) in turned.into_iter().enumerate() {
+        for i in 0..GROUP {
+            let [cos, sin] = turn(turns + STEPS[i] * turns_apart);
             let (re, im) = (self.re[i], self.im[i]);
             self.re[i] = re * cos + im * sin;
             self.im[i] = im * cos - re * sin;
@@ -333,6 +349,7 @@ impl Group {
 
 impl Model<'_> {
     /// Turns of the phase from one row to the next.
+    #[inline(always)]
     fn turns_per_row(&self) -> f64 {
         self.beam.two_k_rad_m * self.shear.row_step_m / core::f64::consts::TAU
     }
@@ -348,27 +365,28 @@ struct Place {
     line: f64,
 }
 
-impl Motion {
+impl Flow {
     fn new(
         shear: &Shear,
         lattice: &Lattice,
         tissue: &Columns,
         phantom_from_probe: &Pose,
-        indentation: &Indentation,
+        motion: &Motion,
     ) -> Self {
         let probe_from_phantom = phantom_from_probe.inverse();
         let down = probe_from_phantom * -sonoloop_types::Vector::z();
-        let aside = probe_from_phantom * indentation.sideways();
+        let aside = probe_from_phantom * motion.sideways();
         let count = (tissue.thickness_m() / lattice.depth_step_m).ceil() as usize + 1;
         let depth_m = |n: usize| (n as f64 + 0.5) * lattice.depth_step_m;
         Self {
-            by_depth: (0..count).map(|n| indentation.by_depth(depth_m(n))).collect(),
+            by_depth: (0..count).map(|n| motion.by_depth(depth_m(n))).collect(),
             rows_per_m: [down.z / shear.row_step_m, aside.z / shear.row_step_m],
             lines_per_aside: aside.x - shear.lateral_slope * aside.z,
             elevation_per_aside: aside.y - shear.elevation_slope * aside.z,
         }
     }
 
+    #[inline(always)]
     fn place(&self, shear: &Shear, column: &Column, n: i32) -> Place {
         let [f, slope] = self.by_depth[n as usize];
         let (down_m, aside_m) = (column.down_m * f, column.aside_m * slope);

@@ -9,6 +9,7 @@ use crate::{
     beam::{Beam, amplitude_from_db, unit_energy_peak},
     columns::Columns,
     lattice::{Lattice, TAPE_LENGTH},
+    motion::Motion,
     needle::NeedleEchoes,
     paths::Paths,
     renderer::Frame,
@@ -87,7 +88,8 @@ pub fn field(
     let half = [0, 1].map(|axis| (tissue.size_m()[axis] / 2.0 / lattice.row_spacing_m).ceil() as i32 + 1);
     let places = || (-half[1]..half[1]).flat_map(|iy| (-half[0]..half[0]).map(move |ix| [ix, iy]));
     places().for_each(|[ix, iy]| columns.learn(ix, iy));
-    paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), slice.indentation.as_ref());
+    let motion = slice.indentation.as_ref().map(Motion::new);
+    paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());
     paths.build(&beam, slice, needle.outer_diameter_m);
     let mut canvas =
         Canvas { beam: &beam, paths: &paths, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };

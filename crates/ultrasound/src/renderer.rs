@@ -17,6 +17,7 @@ use crate::{
     jobs::Jobs,
     lateral::{BeamFilters, LateralFilters, LineMap},
     lattice::Lattice,
+    motion::Motion,
     needle::NeedleEchoes,
     paths::{Paths, Plane},
     points::{self, Points},
@@ -47,6 +48,7 @@ pub struct Renderer {
     elevation: ElevationTable,
     jobs: Jobs,
     points: Points,
+    motion: Option<Motion>,
     grid: Grid,
     needle_diameter_m: f64,
     needle: NeedleEchoes,
@@ -155,6 +157,7 @@ impl Renderer {
             elevation: ElevationTable::default(),
             jobs: Jobs::default(),
             points: Points::default(),
+            motion: None,
             grid: Grid::default(),
             needle_diameter_m: needle.outer_diameter_m,
             needle: NeedleEchoes::new(&needle, &beam, &probe, seed),
@@ -277,16 +280,21 @@ impl Renderer {
             self.columns.half(),
         );
         let instructions = self.instructions;
-        let Self { beam, lattice, tape, elevation, columns: tissue, .. } = self;
+        let Self { beam, lattice, tape, elevation, columns: tissue, motion, .. } = self;
         let (beam, lattice, shear) = (&*beam, &*lattice, shear.as_ref());
-        let indentation = slice.indentation.as_ref();
+        match (&slice.indentation, &mut *motion) {
+            (None, _) => *motion = None,
+            (Some(indentation), Some(motion)) => motion.set(indentation),
+            (Some(indentation), None) => *motion = Some(Motion::new(indentation)),
+        }
+        let motion = motion.as_ref();
         if let Some(shear) = shear {
             elevation.build(instructions, beam, shear, lattice.amplitude());
             tape.bake(instructions, beam, shear.row_step_m, shear.lateral_slope, shear.rows);
-            for [ix, iy] in shear.columns_across(points::elevations_m(elevation, indentation)) {
+            for [ix, iy] in shear.columns_across(points::elevations_m(elevation, motion)) {
                 tissue.learn(ix, iy);
             }
-            for [ix, iy] in shear.columns_across(boundary::elevations_m(lattice, shear, indentation)) {
+            for [ix, iy] in shear.columns_across(boundary::elevations_m(lattice, shear, motion)) {
                 tissue.learn_facets(ix, iy);
             }
         }
@@ -297,9 +305,9 @@ impl Renderer {
         rayon::join(
             || {
                 let Some(shear) = shear else { return };
-                if let Some(indentation) = indentation {
+                if let Some(motion) = motion {
                     let model = points::Model { instructions, beam, tape, elevation, shear };
-                    points.fill(model, lattice, tissue, pose, indentation, grid);
+                    points.fill(model, lattice, tissue, pose, motion, grid);
                 } else {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
                     jobs.build(shear, lattice, elevation, tissue, tape, phase_per_row_rad);
@@ -310,9 +318,9 @@ impl Renderer {
                 needle.build(beam, tape, slice);
                 surfaces.clear();
                 // A pose that shows no tissue has none in the way either.
-                paths.sample(lattice, tissue, shear.map(|_| pose), indentation);
+                paths.sample(lattice, tissue, shear.map(|_| pose), motion);
                 if let Some(shear) = shear {
-                    boundary::add_echoes(beam, lattice, shear, tissue, slice, reverberates, surfaces);
+                    boundary::add_echoes(beam, lattice, shear, tissue, slice, motion, reverberates, surfaces);
                 }
                 paths.build(beam, slice, diameter_m);
                 let echoes = [&*needle.echoes, surfaces];

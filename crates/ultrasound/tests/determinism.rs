@@ -4,8 +4,8 @@ mod common;
 
 use common::{gel, needle, needle_in_probe, pose, probe, slice, water};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
-use sonoloop_types::{Image, NeedlePath, Pose, Slice, Vector};
-use sonoloop_ultrasound::Renderer;
+use sonoloop_types::{Image, Indentation, NeedlePath, Pose, Precision, ProbeSpec, Slice, Vector};
+use sonoloop_ultrasound::{Instructions, Renderer};
 
 fn render(renderer: &mut Renderer, slice: &Slice) -> Vec<u8> {
     let mut image = Image::black(640, 480);
@@ -31,13 +31,33 @@ fn poses() -> [Pose; 7] {
     ]
 }
 
+/// All of them, some with pressed tissue or without contact on the left.
+fn scenes(sequence: u64) -> Vec<Slice> {
+    let pressed =
+        [pose(0.2, 0.1, -2.0, 5.0, 0.0, 0.0), pose(0.0, 0.5, -6.0, 20.0, -12.0, 15.0)].map(|pose| {
+            let at = pose.translation.vector;
+            let indentation = Indentation {
+                x_m: at.x,
+                y_m: at.y,
+                yaw_rad: 0.3,
+                half_size_m: [20e-3, 6e-3],
+                depth_m: 2e-3,
+                thickness_m: 0.06,
+            };
+            Slice { indentation: Some(indentation), ..scene(pose, sequence) }
+        });
+    let mut lifted = scene(pose(0.1, 0.0, 0.0, 0.0, 0.0, 0.0), sequence);
+    lifted.element_gap_m[..40].fill(1e-3);
+    poses().map(|pose| scene(pose, sequence)).into_iter().chain(pressed).chain([lifted]).collect()
+}
+
 #[test]
 fn bytes_do_not_depend_on_the_number_of_threads() {
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         pool.install(|| {
             let mut renderer = Renderer::new(probe(), needle(), gel(), 1);
-            poses().map(|pose| render(&mut renderer, &scene(pose, 3)))
+            scenes(3).iter().map(|slice| render(&mut renderer, slice)).collect::<Vec<_>>()
         })
     };
     let one = with_threads(1);
@@ -48,12 +68,29 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn bytes_do_not_depend_on_what_was_drawn_before() {
     let mut used = Renderer::new(probe(), needle(), gel(), 1);
-    for pose in poses() {
-        render(&mut used, &scene(pose, 0));
+    for slice in scenes(0) {
+        render(&mut used, &slice);
     }
-    for pose in poses() {
-        let fresh = render(&mut Renderer::new(probe(), needle(), gel(), 1), &scene(pose, 8));
-        assert!(render(&mut used, &scene(pose, 8)) == fresh);
+    for slice in scenes(8) {
+        let fresh = render(&mut Renderer::new(probe(), needle(), gel(), 1), &slice);
+        assert!(render(&mut used, &slice) == fresh);
+    }
+}
+
+/// On a CPU without wider instructions there is one set only, and nothing to compare.
+#[test]
+fn bytes_do_not_depend_on_the_instructions_of_the_cpu() {
+    for precision in [Precision::Usual, Precision::Fine] {
+        let with = |instructions: Instructions| {
+            let mut renderer = Renderer::new(ProbeSpec { precision, ..probe() }, needle(), gel(), 1);
+            renderer.use_instructions(instructions);
+            scenes(3).iter().map(|slice| render(&mut renderer, slice)).collect::<Vec<_>>()
+        };
+        let plain = with(Instructions::PLAIN);
+        for instructions in Instructions::available() {
+            println!("{instructions:?}");
+            assert!(with(instructions) == plain, "{instructions:?} differ");
+        }
     }
 }
 

@@ -156,3 +156,30 @@ fn a_blind_part_of_the_array_darkens_its_lines_only() {
     assert_eq!(mean(&image, 140..290), mean(&whole, 140..290));
     assert!(mean(&image, 445..500) < 0.3 * mean(&whole, 445..500));
 }
+
+#[test]
+fn bands_of_ringing_slant_under_a_probe_that_is_lifted_on_one_side() {
+    let probe = quiet_probe();
+    // From contact in the middle to 0.48 mm at the left end.
+    let gap_m = |i: usize| (96.0 - i as f32).max(0.0) * 5e-6;
+    let lifted = common::slice(pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+    let lifted = sonoloop_types::Slice { element_gap_m: (0..192).map(gap_m).collect(), ..lifted };
+    let image = picture(&probe, &gel(), &lifted);
+    // Mean depth of the second band's upper half, weighted by brightness over that between the bands.
+    let band_row = |columns: core::ops::Range<u32>, around: f64| {
+        let (first, end) = (around as u32 - 4, around as u32 + 5);
+        let level = |row: u32| {
+            columns.clone().map(|u| f64::from(image.pixels[(row * 640 + u) as usize])).sum::<f64>()
+        };
+        let floor = level(first).min(level(end - 1));
+        let weights = (first..end).map(|row| (f64::from(row), (level(row) - floor).max(0.0)));
+        let [moment, total] = weights.fold([0.0; 2], |[m, t], (row, w)| [m + row * w, t + w]);
+        moment / total
+    };
+    // Twice the lens of 0.9 mm and twice the gel, in rows of 0.1 mm; bands wave by 0.12 mm besides.
+    for (columns, gap_mm) in [(140..150, 0.44), (200..210, 0.28), (260..270, 0.15)] {
+        let expected = 2.0 * (9.0 + 10.0 * gap_mm);
+        let row = band_row(columns, expected);
+        assert!((row - expected).abs() < 1.5, "{gap_mm} mm: band in row {row} for {expected}");
+    }
+}

@@ -136,6 +136,7 @@ pub fn phantom() -> PhantomSpec {
                 backscatter_db: Some(0.0),
             },
             youngs_modulus_pa: Some(30e3),
+            needle_friction_n_m: Some(6.0),
         }],
         inclusions: Vec::new(),
     }

@@ -25,6 +25,8 @@ pub struct View {
     pub needle: Option<NeedleView>,
     /// Stretch of the array without contact, as shares of its length.
     pub lifted: Range<f64>,
+    /// The gap grows from nothing at the right end of that stretch, as under a probe that leans.
+    pub slanted: bool,
     /// Gain on top of the probe's own.
     pub gain_db: f64,
 }
@@ -59,8 +61,9 @@ impl View {
         let phantom_from_probe = self.phantom_from_probe();
         let elements = f64::from(probe.elements);
         let gap_m = |element: u32| {
-            let is_lifted = self.lifted.contains(&((f64::from(element) + 0.5) / elements));
-            if is_lifted { GAP_M } else { 0.0 }
+            let (place, Range { start, end }) = ((f64::from(element) + 0.5) / elements, self.lifted.clone());
+            let share = if self.slanted { ((end - place) / (end - start)) as f32 } else { 1.0 };
+            if self.lifted.contains(&place) { GAP_M * share } else { 0.0 }
         };
         Slice {
             sequence: 0,

@@ -64,6 +64,7 @@ fn material(name: &str, raw: &RawMaterial) -> Material {
             backscatter_db: raw.backscatter_db,
         },
         youngs_modulus_pa: raw.youngs_modulus_kpa.map(|kpa| kpa * 1000.0),
+        needle_friction_n_m: raw.needle_friction_n_m,
     }
 }
 

@@ -122,4 +122,9 @@ pub(crate) struct RawMaterial {
     #[serde(deserialize_with = "Option::deserialize")]
     #[schemars(required)]
     pub youngs_modulus_kpa: Option<f64>,
+    /// Friction on the shaft of a 22G needle per buried length; null where no needle goes in.
+    #[garde(range(min = 0.0, max = 1000.0))]
+    #[serde(deserialize_with = "Option::deserialize")]
+    #[schemars(required)]
+    pub needle_friction_n_m: Option<f64>,
 }

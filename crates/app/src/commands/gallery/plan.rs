@@ -207,7 +207,7 @@ fn offsets() -> [(&'static str, String, NeedleView); 4] {
     ]
 }
 
-fn contact() -> [(&'static str, String, View); 3] {
+fn contact() -> [(&'static str, String, View); 4] {
     let view = |from: f64, to: f64| View { lifted: from..to, ..with(lateral(40.0)) };
     [
         (
@@ -219,6 +219,12 @@ fn contact() -> [(&'static str, String, View); 3] {
             "contact_middle",
             "An air bubble of 5 mm under the middle: a dark wedge that fills with depth.".into(),
             view(0.435, 0.565),
+        ),
+        (
+            "contact_slanted",
+            "Lifted on the left by 1 mm: gel follows the face for a while, so the bands slant at the edge of contact."
+                .into(),
+            View { slanted: true, ..view(0.0, 0.6) },
         ),
         ("contact_none", "No contact at all: ringing, then noise.".into(), view(0.0, 1.0)),
     ]

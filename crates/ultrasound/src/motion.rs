@@ -1,0 +1,118 @@
+//! Where moved tissue is: [`Indentation`] by tables.
+
+use sonoloop_types::{Indentation, Point, Vector};
+
+/// Distance between the entries of a table. Between them values are linear: at most 40 nm off for a press of 3 mm.
+const STEP_M: f64 = 0.05e-3;
+const STEPS_PER_M: f64 = 1.0 / STEP_M;
+/// The tissue is at rest so far beside the face: erfc(5) is 2e-12.
+const BESIDE_M: f64 = 25e-3;
+
+/// Tables of one face on one phantom, and the press that they serve.
+pub struct Motion {
+    indentation: Indentation,
+    /// [`Indentation::by_depth`] from the resting top face down.
+    by_depth: Vec<[f64; 2]>,
+    /// [`Indentation::lengthwise`] and [`Indentation::crosswise`] from the face's middle on; the latter's second value is
+    /// odd.
+    lengthwise: Vec<[f64; 1]>,
+    crosswise: Vec<[f64; 2]>,
+    sin_cos: (f64, f64),
+}
+
+impl Motion {
+    pub fn new(indentation: &Indentation) -> Self {
+        let [half_length_m, half_width_m] = indentation.half_size_m;
+        let places = |reach_m: f64| (0..(reach_m * STEPS_PER_M) as usize + 3).map(|i| i as f64 * STEP_M);
+        Self {
+            indentation: *indentation,
+            by_depth: places(indentation.thickness_m).map(|d_m| indentation.by_depth(d_m)).collect(),
+            lengthwise: places(half_length_m + BESIDE_M).map(|d_m| [indentation.lengthwise(d_m)]).collect(),
+            crosswise: places(half_width_m + BESIDE_M).map(|d_m| indentation.crosswise(d_m)).collect(),
+            sin_cos: libm::sincos(indentation.yaw_rad),
+        }
+    }
+
+    /// Goes on to another press, with the same tables where they serve it.
+    pub fn set(&mut self, indentation: &Indentation) {
+        let before = &self.indentation;
+        let same =
+            before.half_size_m == indentation.half_size_m && before.thickness_m == indentation.thickness_m;
+        if !same {
+            *self = Self::new(indentation);
+        }
+        self.indentation = *indentation;
+        self.sin_cos = libm::sincos(indentation.yaw_rad);
+    }
+
+    /// How far the face is pressed down.
+    pub fn depth_m(&self) -> f64 {
+        self.indentation.depth_m.abs()
+    }
+
+    /// [`Indentation::sideways`].
+    pub fn sideways(&self) -> Vector {
+        let (sin, cos) = self.sin_cos;
+        Vector::new(-sin, cos, 0.0)
+    }
+
+    /// [`Indentation::by_depth`].
+    pub fn by_depth(&self, depth_m: f64) -> [f64; 2] {
+        between(&self.by_depth, depth_m.max(0.0))
+    }
+
+    /// What [`Self::by_depth`] scales to the way down and to the way aside: δ·X·Y and δ·X·∫Y dy at a place of the resting
+    /// phantom.
+    pub fn by_place(&self, x_m: f64, y_m: f64) -> [f64; 2] {
+        let (sin, cos) = self.sin_cos;
+        let (dx, dy) = (x_m - self.indentation.x_m, y_m - self.indentation.y_m);
+        let (along_m, across_m) = (cos * dx + sin * dy, cos * dy - sin * dx);
+        let [x] = between(&self.lengthwise, along_m.abs());
+        let [y, swept_m] = between(&self.crosswise, across_m.abs());
+        let lengthwise_m = self.indentation.depth_m * x;
+        [lengthwise_m * y, lengthwise_m * swept_m.copysign(across_m)]
+    }
+
+    /// Where a point of the resting phantom is now, minus where it was.
+    pub fn displacement_m(&self, rest: Point) -> Vector {
+        let [f, slope] = self.by_depth(-rest.z);
+        let [down, aside] = self.by_place(rest.x, rest.y);
+        self.sideways() * (aside * slope) - Vector::z() * (down * f)
+    }
+}
+
+/// Linear between the entries of a table; the last ones beyond it.
+#[inline]
+fn between<const N: usize>(table: &[[f64; N]], at_m: f64) -> [f64; N] {
+    let place = (at_m * STEPS_PER_M).min((table.len() - 2) as f64);
+    let index = place as usize;
+    let share = place - index as f64;
+    let (below, above) = (table[index], table[index + 1]);
+    core::array::from_fn(|i| below[i] + share * (above[i] - below[i]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn truth_tables_follow_the_closed_form() {
+        let pressed = Indentation {
+            x_m: 2e-3,
+            y_m: -1e-3,
+            yaw_rad: 0.4,
+            half_size_m: [22e-3, 6e-3],
+            depth_m: 3e-3,
+            thickness_m: 60e-3,
+        };
+        let mut motion = Motion::new(&Indentation { depth_m: 1e-3, half_size_m: [9e-3, 2e-3], ..pressed });
+        motion.set(&pressed);
+        for i in 0..2000 {
+            let at = f64::from(i);
+            let rest =
+                Point::new(40e-3 * (at * 0.7).sin(), 20e-3 * (at * 1.1).sin(), -30e-3 * (1.0 + at.sin()));
+            let off_m = motion.displacement_m(rest) - pressed.displacement_m(rest);
+            assert!(off_m.norm() < 50e-9, "{} nm off at {rest}", off_m.norm() * 1e9);
+        }
+    }
+}
