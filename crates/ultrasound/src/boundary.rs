@@ -163,7 +163,6 @@ pub fn add_echoes(
     columns: &Columns,
     slice: &Slice,
     motion: Option<&Motion>,
-    reverberates: bool,
     echoes: &mut Vec<Echo>,
 ) {
     let [lateral, elevational, down] =
@@ -209,7 +208,7 @@ pub fn add_echoes(
             let across = f64::from(exp_minus((0.5 * (u * u + turns[1] * turns[1])) as f32));
             let mut amplitude = level * facet.reflection * across / sigma_m[0];
             let z_m = z_m - g_e * e_m;
-            let bounces = if reverberates && facet.ratio > 0.0 { REVERBERATIONS } else { 0 };
+            let bounces = if facet.ratio > 0.0 { REVERBERATIONS } else { 0 };
             for bounce in 0..=bounces {
                 // The first echo of the far face is that face's own.
                 if bounce != 1 {

@@ -105,6 +105,7 @@ pub struct Columns {
     lattice: Lattice,
     media: Vec<Medium>,
     draws_boundaries: bool,
+    reverberates: bool,
     stretches: Vec<Stretch>,
     stretches_of: Table,
     /// Where stretches of a hash are kept: neighbouring columns often have the same ones, and what is kept once stays in
@@ -145,6 +146,7 @@ impl Columns {
             lattice,
             media,
             draws_boundaries: effects.boundaries,
+            reverberates: effects.reverberation,
             stretches: Vec::new(),
             stretches_of: Table::new(half),
             kept: HashMap::new(),
@@ -210,7 +212,12 @@ impl Columns {
         if !own.is_empty() {
             let spacing_m = self.lattice.spacing_m();
             let found = facets(&own, spacing_m, [ix, iy], |ix, iy| self.boundaries(ix, iy));
-            self.facets.extend(found);
+            let reverberates = self.reverberates;
+            self.facets.extend(
+                found
+                    .into_iter()
+                    .map(|facet| Facet { ratio: if reverberates { facet.ratio } else { 0.0 }, ..facet }),
+            );
             self.facet_z_m.extend(self.facets[first..].iter().map(|facet| facet.z_m));
         }
         let range = Range { first: first as u32, count: (self.facets.len() - first) as u32 };

@@ -281,7 +281,10 @@ fn weights(
     weights
 }
 
-// Each step is a loop without branches, so that it vectorises.
+#[expect(
+    clippy::needless_range_loop,
+    reason = "loops over several arrays side by side, without branches, vectorise"
+)]
 impl Group {
     #[inline(always)]
     fn new(sample: usize, tape: &BakedTape) -> Self {

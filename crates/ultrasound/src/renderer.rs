@@ -37,7 +37,6 @@ const TASK_ROWS: usize = 120;
 /// picture.
 pub struct Renderer {
     instructions: Instructions,
-    probe: ProbeSpec,
     beam: Beam,
     lattice: Lattice,
     lateral: LateralFilters,
@@ -167,7 +166,6 @@ impl Renderer {
             field: vec![0.0; frame.rows() * 2 * frame.padded],
             made_for: None,
             scratch: Vec::new(),
-            probe,
             beam,
             lattice,
             frame,
@@ -300,7 +298,7 @@ impl Renderer {
         }
         let Self { jobs, points, grid, stamps, paths, needle, surfaces, .. } = self;
         let (tape, elevation, tissue, pose) = (&*tape, &*elevation, &*tissue, &slice.phantom_from_probe);
-        let (reverberates, diameter_m) = (self.probe.effects.reverberation, self.needle_diameter_m);
+        let diameter_m = self.needle_diameter_m;
         // The grid's tasks are there for whoever is done first.
         rayon::join(
             || {
@@ -320,7 +318,7 @@ impl Renderer {
                 // A pose that shows no tissue has none in the way either.
                 paths.sample(lattice, tissue, shear.map(|_| pose), motion);
                 if let Some(shear) = shear {
-                    boundary::add_echoes(beam, lattice, shear, tissue, slice, motion, reverberates, surfaces);
+                    boundary::add_echoes(beam, lattice, shear, tissue, slice, motion, surfaces);
                 }
                 paths.build(beam, slice, diameter_m);
                 let echoes = [&*needle.echoes, surfaces];

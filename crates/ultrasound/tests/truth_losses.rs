@@ -162,7 +162,7 @@ fn bands_of_ringing_slant_under_a_probe_that_is_lifted_on_one_side() {
     let probe = quiet_probe();
     // From contact in the middle to 0.48 mm at the left end.
     let gap_m = |i: usize| (96.0 - i as f32).max(0.0) * 5e-6;
-    let lifted = common::slice(pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+    let lifted = slice(pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0));
     let lifted = sonoloop_types::Slice { element_gap_m: (0..192).map(gap_m).collect(), ..lifted };
     let image = picture(&probe, &gel(), &lifted);
     // Mean depth of the second band's upper half, weighted by brightness over that between the bands.
