@@ -9,7 +9,7 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use sonoloop_tracker::{Context, Tracker};
 use sonoloop_types::{
-    Estimate, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy,
+    Estimate, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy, Warp,
 };
 
 use crate::error::AppError;
@@ -81,6 +81,10 @@ pub enum SimilarityArg {
 pub enum WarpArg {
     /// Two degrees of freedom
     Translation,
+    /// Three: it turns too
+    Rigid,
+    /// Six
+    Affine,
 }
 
 /// `--update`.
@@ -110,13 +114,17 @@ impl TrackRecorded {
             ProfileArg::Robust => Profile::Robust,
             ProfileArg::Paper => Profile::Paper,
         };
-        let WarpArg::Translation = self.warp;
         TrackerSettings {
             similarity: match self.similarity {
                 SimilarityArg::Ssd => Similarity::Ssd,
                 SimilarityArg::Scv => Similarity::Scv,
             },
             optimisation: if self.order == 1 { Optimisation::FirstOrder } else { Optimisation::SecondOrder },
+            warp: match self.warp {
+                WarpArg::Translation => Warp::Translation,
+                WarpArg::Rigid => Warp::Rigid,
+                WarpArg::Affine => Warp::Affine,
+            },
             update: match self.update {
                 UpdateArg::None => UpdateStrategy::None,
                 UpdateArg::Naive => UpdateStrategy::Naive,

@@ -27,6 +27,8 @@ mod shaft;
 mod snap;
 mod template;
 mod tracker;
+mod warp;
+mod warped;
 
 pub use checkpoint::{Checkpoint, SavedTemplate};
 pub use error::TrackerError;

@@ -7,6 +7,7 @@ use crate::likeness::Moments;
 use crate::search::{PEAKS, Peaks};
 use crate::shaft;
 use crate::tracker::{Context, View, add, distance};
+use crate::warp::Placement;
 
 /// The near search begins this far about the last tip …
 const NEAR_PX: f64 = 12.0;
@@ -167,7 +168,7 @@ impl Tracker {
         let rejected = sought.scored(start_px, self.view(inside, sought.median), None, false);
 
         let change = self.change(&self.anchor, sought.median);
-        let end = match self.registrar.run(&self.region, &self.anchor, change, start_px) {
+        let end = match self.registrar.run(&self.region, &self.anchor, change, Placement::at(start_px)) {
             Ok(end) => end,
             Err(failure) => {
                 *iterations += failure.iterations;
@@ -175,8 +176,10 @@ impl Tracker {
             }
         };
         *iterations += end.iterations;
-        let at_px = end.position_px;
-        let Ok(inside) = self.registrar.sample(&self.region, at_px) else { return Some(rejected) };
+        let at_px = end.place.centre_px;
+        let Ok(inside) = self.registrar.sample_warped(&self.region, &end.place) else {
+            return Some(rejected);
+        };
         let view = self.view(inside, sought.median);
         // It must look like the first template, and like the last one too: that is how the tip looked just before it
         // was lost (the paper's own criterion), and short of its threshold it would be lost again at once.

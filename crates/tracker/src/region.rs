@@ -2,6 +2,8 @@ use core::ops::Range;
 
 use sonoloop_types::Image;
 
+use crate::warp::Placement;
+
 /// A rectangle of a picture as blurred grey levels, in which patches are sampled.
 ///
 /// Its pixels are `scale × scale` blocks of the picture's (`scale` is 1, 2 or 4); places beyond the picture's
@@ -93,13 +95,72 @@ impl Region {
                     + weights[3] * lower[i + 1];
             }
         }
+        Some(self.inside_picture(centre_px, side))
+    }
+
+    /// The same through a warp: the pixel at (x, y) of the centred template is read at c + A·(x, y).
+    pub fn sample_warped(&self, place: &Placement, side: usize, patch: &mut [f32]) -> Option<Inside> {
+        if place.is_translation() {
+            return self.sample(place.centre_px, side, patch);
+        }
+        let half = (side as f64 - 1.0) / 2.0;
+        let outermost = half + 1.0;
+        let relative = |at: [f64; 2]| [0, 1].map(|axis| at[axis] - self.origin[axis] as f64);
+        let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
+            .map(|sign: [f64; 2]| relative(place.map(sign.map(|s| s * outermost))));
+        // All taps lie between the corners; written so that NaN fails.
+        let last = self.size.map(|size| size as f64 - 2.0);
+        if !corners.iter().all(|c| c[0] >= 0.0 && c[1] >= 0.0 && c[0] < last[0] && c[1] < last[1]) {
+            return None;
+        }
+        let [[xx, _], [yx, _]] = place.linear.map(|row| row.map(|v| v as f32));
+        let width = self.size[0];
+        for (k, out) in patch.chunks_exact_mut(side + 2).enumerate() {
+            let [u, v] = relative(place.map([-outermost, k as f64 - outermost])).map(|c| c as f32);
+            for (i, out) in out.iter_mut().enumerate() {
+                // Rounding may leave the corner by a hair.
+                let (u, v) = ((u + xx * i as f32).max(0.0), (v + yx * i as f32).max(0.0));
+                let (column, row) = (u as usize, v as usize);
+                let (fu, fv) = (u - column as f32, v - row as f32);
+                let first = row * width + column;
+                let (upper, lower) =
+                    (&self.grey[first..first + 2], &self.grey[first + width..first + width + 2]);
+                let above = upper[0] + fu * (upper[1] - upper[0]);
+                let below = lower[0] + fu * (lower[1] - lower[0]);
+                *out = above + fv * (below - above);
+            }
+        }
+        Some(self.inside_picture_warped(place, side))
+    }
+
+    /// Columns whose u lies inside the picture in every row, and rows whose v does in every column.
+    fn inside_picture_warped(&self, place: &Placement, side: usize) -> Inside {
+        let half = (side as f64 - 1.0) / 2.0;
+        let range = |axis: usize| {
+            let last = self.picture[axis] as f64 - 1.0;
+            let is_inside = |k: &usize| {
+                let along = *k as f64 - half;
+                [-half, half].iter().all(|across| {
+                    let at = if axis == 0 { [along, *across] } else { [*across, along] };
+                    (0.0..=last).contains(&place.map(at)[axis])
+                })
+            };
+            let first = (0..side).find(is_inside).unwrap_or(side);
+            let end = (first..side).find(|k| !is_inside(k)).unwrap_or(side);
+            [first, end]
+        };
+        Inside { x: range(0), y: range(1) }
+    }
+
+    fn inside_picture(&self, centre_px: [f64; 2], side: usize) -> Inside {
+        let first = centre_px.map(|c| c - (side as f64 - 1.0) / 2.0 - 1.0);
         let range = |axis: usize| {
             let start = first[axis] + 1.0;
             let low = libm::ceil(-start).max(0.0);
             let high = (libm::floor(self.picture[axis] as f64 - 1.0 - start) + 1.0).min(side as f64).max(low);
             [(low as usize).min(side), (high as usize).min(side)]
         };
-        Some(Inside { x: range(0), y: range(1) })
+        Inside { x: range(0), y: range(1) }
     }
 }
 
@@ -195,6 +256,33 @@ mod tests {
                 assert!((f64::from(patch[y * 10 + x]) - expected).abs() < 1e-3);
             }
         }
+    }
+
+    #[test]
+    fn truth_warped_sampling_keeps_a_ramp() {
+        let mut region = Region::default();
+        region.fill_about(&ramp(), &[1.0], [20.0, 15.0], 14);
+        let place = Placement { centre_px: [20.3, 14.6], linear: [[0.9, -0.3], [0.25, 1.1]] };
+        let mut patch = [0.0; 100];
+        let inside = region.sample_warped(&place, 8, &mut patch).unwrap();
+        assert_eq!(inside, Inside::all(8));
+        for y in 0..10 {
+            for x in 0..10 {
+                let [u, v] = place.map([x as f64 - 4.5, y as f64 - 4.5]);
+                assert!((f64::from(patch[y * 10 + x]) - (3.0 * u + 2.0 * v)).abs() < 1e-3);
+            }
+        }
+        // Through the identity it is the other way of sampling, to rounding.
+        let [mut plain, mut warped] = [[0.0; 100]; 2];
+        region.sample([20.3, 14.6], 8, &mut plain).unwrap();
+        let nearly = Placement { linear: [[1.0 + 1e-12, 0.0], [0.0, 1.0]], ..Placement::at([20.3, 14.6]) };
+        region.sample_warped(&nearly, 8, &mut warped).unwrap();
+        assert!(plain.iter().zip(&warped).all(|(a, b)| (a - b).abs() < 1e-3));
+        assert_eq!(region.sample_warped(&Placement { centre_px: [8.0, 14.6], ..place }, 8, &mut patch), None);
+        assert_eq!(
+            region.sample_warped(&Placement { centre_px: [f64::NAN, 0.0], ..place }, 8, &mut patch),
+            None
+        );
     }
 
     #[test]

@@ -4,15 +4,16 @@
 //! step is Δ = −H⁻¹ b. The factor −2 of the paper's (8) and the ½ of its mean gradient are the same thing. For a
 //! translation the compositional update of the warp is plain addition.
 
-use sonoloop_types::{Optimisation, Profile, Reason, Similarity, TrackerSettings};
+use sonoloop_types::{Optimisation, Profile, Reason, Similarity, TrackerSettings, Warp};
 
 use crate::region::{Inside, Region};
 use crate::scv::Conditional;
 use crate::template::{Template, gradient, plain_row, window_row};
 use crate::tracker::distance;
+use crate::warp::Placement;
 
 /// Grey levels per pixel, rms: with less gradient than this there is nothing to hold on to.
-const MIN_GRADIENT: f64 = 0.02;
+pub(crate) const MIN_GRADIENT: f64 = 0.02;
 /// Relative Levenberg–Marquardt damping; doubles as the smallest relative pivot.
 const DAMPING: f64 = 1e-6;
 
@@ -22,16 +23,14 @@ const DAMPING: f64 = 1e-6;
 /// T̂ from a guess that is several pixels off pairs, under a narrow weight, the needle's grey levels with the
 /// background's, and the optimiser then ends anywhere: on rigid scenes that walk by up to 3 px it lost the tip in
 /// 34 of 792 images and was 0.5 px off; approached like this, in none and 0.08 px.
-const NEAR_PX: f64 = 1.0;
-/// The approach ends after this many iterations anyhow.
-const MAX_APPROACH: u32 = 8;
+pub(crate) const NEAR_PX: f64 = 1.0;
 
 /// Where a registration ended.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Registration {
-    pub position_px: [f64; 2],
+    pub place: Placement,
     pub iterations: u32,
-    /// Smaller over larger eigenvalue of H.
+    /// Smaller over larger eigenvalue of H's part for the translation.
     pub conditioning: f64,
 }
 
@@ -49,9 +48,10 @@ pub(crate) struct Registrar {
     order: Optimisation,
     /// SCV approaches by plain differences before it takes T̂; the paper takes T̂ at the guess, once per image.
     approach: bool,
-    max_iterations: u32,
-    epsilon_px: f64,
-    side: usize,
+    pub(crate) warp: Warp,
+    pub(crate) max_iterations: u32,
+    pub(crate) epsilon_px: f64,
+    pub(crate) side: usize,
     /// Weights of the window, S² values.
     pub weights: Vec<f32>,
     /// The last patch sampled, (S + 2)² values.
@@ -63,17 +63,20 @@ pub(crate) struct Registrar {
 }
 
 /// What the image is compared with in one iteration.
-struct Reference<'a> {
-    padded: &'a [f32],
-    grad_u: &'a [f32],
-    grad_v: &'a [f32],
+pub(crate) struct Reference<'a> {
+    pub padded: &'a [f32],
+    pub grad_u: &'a [f32],
+    pub grad_v: &'a [f32],
     /// Added to the reference's grey levels: the change of the whole image.
-    change: f32,
+    pub change: f32,
     /// Share of the reference's gradient in the mean gradient: ½ or 0.
-    share: f32,
+    pub share: f32,
 }
 
 impl Registrar {
+    /// The approach ends after this many iterations anyhow.
+    pub(crate) const MAX_APPROACH: u32 = 8;
+
     pub fn new(settings: &TrackerSettings, weights: Vec<f32>) -> Self {
         let side = settings.template_px as usize;
         let padded = (side + 2) * (side + 2);
@@ -81,6 +84,7 @@ impl Registrar {
             similarity: settings.similarity,
             order: settings.optimisation,
             approach: settings.profile == Profile::Robust,
+            warp: settings.warp,
             max_iterations: settings.max_iterations,
             epsilon_px: settings.epsilon_px,
             side,
@@ -99,8 +103,41 @@ impl Registrar {
         if 2 * inside.count() < self.side * self.side { Err(Reason::OutOfImage) } else { Ok(inside) }
     }
 
-    /// Finds `template` in `region`, from `start_px` on; `change` is Δ, how much brighter the image has become.
+    /// The same through a warp.
+    pub fn sample_warped(&mut self, region: &Region, place: &Placement) -> Result<Inside, Reason> {
+        let inside = region.sample_warped(place, self.side, &mut self.patch).ok_or(Reason::Diverged)?;
+        if 2 * inside.count() < self.side * self.side { Err(Reason::OutOfImage) } else { Ok(inside) }
+    }
+
+    /// Finds `template` in `region`, from `start` on; `change` is Δ, how much brighter the image has become.
     pub fn run(
+        &mut self,
+        region: &Region,
+        template: &Template,
+        change: f32,
+        start: Placement,
+    ) -> Result<Registration, Failure> {
+        match self.warp {
+            Warp::Translation => self.run_moved(region, template, change, start.centre_px),
+            Warp::Rigid | Warp::Affine => self.run_warped(region, template, change, start),
+        }
+    }
+
+    /// Whether T̂ is what the image is compared with, whether plain differences come first, and whether T̂ is taken again
+    /// when the patch has moved on.
+    pub(crate) fn is_conditional(&self) -> bool {
+        self.similarity == Similarity::Scv
+    }
+
+    pub(crate) fn approaches(&self) -> bool {
+        self.is_conditional() && self.approach
+    }
+
+    pub(crate) fn adapts_again(&self) -> bool {
+        self.approach
+    }
+
+    fn run_moved(
         &mut self,
         region: &Region,
         template: &Template,
@@ -129,22 +166,28 @@ impl Registrar {
             at = [at[0] + step[0], at[1] + step[1]];
             conditioning = ratio;
             if approaching {
-                approaching = length >= NEAR_PX && iteration < MAX_APPROACH;
+                approaching = length >= NEAR_PX && iteration < Self::MAX_APPROACH;
             } else if length < self.epsilon_px {
-                return Ok(Registration { position_px: at, iterations: iteration, conditioning });
+                let place = Placement::at(at);
+                return Ok(Registration { place, iterations: iteration, conditioning });
             }
         }
-        Ok(Registration { position_px: at, iterations: self.max_iterations, conditioning })
+        Ok(Registration { place: Placement::at(at), iterations: self.max_iterations, conditioning })
     }
 
-    fn adapt(&mut self, template: &Template, inside: Inside) {
+    pub(crate) fn adapt(&mut self, template: &Template, inside: Inside) {
         let (weights, side) = (&self.weights, self.side);
         self.conditional.adapt(weights, side, inside, &template.padded, &self.patch, &mut self.adapted);
         gradient(&self.adapted, side, &mut self.adapted_u, &mut self.adapted_v);
     }
 
     /// T̂ once it is `adapted`, else T itself with its grey levels shifted by the image's change.
-    fn reference<'a>(&'a self, template: &'a Template, change: f32, adapted: bool) -> Reference<'a> {
+    pub(crate) fn reference<'a>(
+        &'a self,
+        template: &'a Template,
+        change: f32,
+        adapted: bool,
+    ) -> Reference<'a> {
         let share = if self.order == Optimisation::SecondOrder { 0.5 } else { 0.0 };
         if adapted {
             let [padded, grad_u, grad_v] = [&self.adapted[..], &self.adapted_u, &self.adapted_v];
@@ -238,12 +281,18 @@ fn solve([weight, uu, uv, vv, eu, ev]: [f64; 6]) -> Option<([f64; 2], f64)> {
     if !textured {
         return None;
     }
-    let root = ((uu - vv) * (uu - vv) + 4.0 * uv * uv).sqrt();
-    let ratio = ((trace - root) / (trace + root)).max(0.0);
+    let ratio = eigenvalue_ratio(uu, uv, vv);
     let (uu, vv) = (uu * (1.0 + DAMPING), vv * (1.0 + DAMPING));
     let determinant = uu * vv - uv * uv;
     if determinant.is_nan() || determinant <= DAMPING * trace * trace {
         return None;
     }
     Some(([(uv * ev - vv * eu) / determinant, (uv * eu - uu * ev) / determinant], ratio))
+}
+
+/// Smaller over larger eigenvalue of a symmetric 2×2 matrix.
+pub(crate) fn eigenvalue_ratio(uu: f64, uv: f64, vv: f64) -> f64 {
+    let trace = uu + vv;
+    let root = ((uu - vv) * (uu - vv) + 4.0 * uv * uv).sqrt();
+    ((trace - root) / (trace + root)).max(0.0)
 }

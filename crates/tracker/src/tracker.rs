@@ -8,6 +8,7 @@ use crate::region::{Inside, Region};
 use crate::register::Registrar;
 use crate::search::Search;
 use crate::template::Template;
+use crate::warp::Placement;
 use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
 
 /// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
@@ -61,6 +62,8 @@ pub(crate) struct Belief {
     /// The last believed tip, carried along by measured motion while lost.
     pub tip_px: [f64; 2],
     pub velocity_px: [f64; 2],
+    /// Linear part of the template's warp, against T_1.
+    pub linear: [[f64; 2]; 2],
     /// Images in a row that ended LOST.
     pub lost_images: u32,
     /// The place being confirmed, while RECOVERING.
@@ -79,6 +82,7 @@ impl Belief {
             state,
             tip_px,
             velocity_px: [0.0; 2],
+            linear: Placement::at(tip_px).linear,
             lost_images: 0,
             candidate_px: None,
             confirmed: 0,
@@ -213,11 +217,12 @@ impl Tracker {
         let reach = self.tracking_reach();
         self.region.fill_about(image, &self.taps, guess_px, reach);
 
+        let guess = Placement { centre_px: guess_px, linear: self.belief.linear };
         let changes = [&self.anchor, &self.previous].map(|template| self.change(template, median));
         let first = if self.settings.update == UpdateStrategy::None {
-            self.registrar.run(&self.region, &self.anchor, changes[0], guess_px)
+            self.registrar.run(&self.region, &self.anchor, changes[0], guess)
         } else {
-            self.registrar.run(&self.region, &self.previous, changes[1], guess_px)
+            self.registrar.run(&self.region, &self.previous, changes[1], guess)
         };
         let mut found = match first {
             Ok(found) => found,
@@ -227,10 +232,12 @@ impl Tracker {
         if self.settings.update == UpdateStrategy::DriftCorrected {
             // Matthews, Ishikawa and Baker (2004): the new patch becomes a template only if the first template,
             // started from the same place, agrees about where it is.
-            match self.registrar.run(&self.region, &self.anchor, changes[0], found.position_px) {
+            match self.registrar.run(&self.region, &self.anchor, changes[0], found.place) {
                 Ok(corrected) => {
                     let iterations = found.iterations + corrected.iterations;
-                    if distance(found.position_px, corrected.position_px) <= self.settings.drift_tolerance_px
+                    let half_px = (self.anchor.side as f64 - 1.0) / 2.0;
+                    if found.place.corner_distance(&corrected.place, half_px)
+                        <= self.settings.drift_tolerance_px
                     {
                         update = true;
                         found = corrected;
@@ -241,8 +248,8 @@ impl Tracker {
             }
         }
 
-        let (at, iterations) = (found.position_px, found.iterations);
-        let view = match self.registrar.sample(&self.region, at) {
+        let (at, iterations) = (found.place.centre_px, found.iterations);
+        let view = match self.registrar.sample_warped(&self.region, &found.place) {
             Ok(inside) => self.view(inside, median),
             Err(reason) => return self.declare_lost(reason, motion_px, None, iterations),
         };
@@ -255,6 +262,7 @@ impl Tracker {
         self.belief.velocity_px =
             add(self.belief.velocity_px.map(|v| kept * v), moved.map(|d| (1.0 - kept) * d));
         self.belief.tip_px = at;
+        self.belief.linear = found.place.linear;
         self.belief.hold_previous = self.belief.hold_previous.saturating_sub(1);
         if update {
             self.previous.refresh(&self.registrar.patch, median);

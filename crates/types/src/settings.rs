@@ -30,6 +30,18 @@ pub enum Optimisation {
     SecondOrder,
 }
 
+/// How a template may move, paper (3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Warp {
+    /// Two degrees of freedom.
+    Translation,
+    /// Three: it turns too.
+    Rigid,
+    /// Six.
+    Affine,
+}
+
 /// How the template follows the target's appearance, paper section III.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -51,6 +63,8 @@ pub struct TrackerSettings {
     pub similarity: Similarity,
     /// Which Jacobian.
     pub optimisation: Optimisation,
+    /// How the template moves. On a tip over speckle six degrees of freedom drift by tens of pixels where two hold it.
+    pub warp: Warp,
     /// Template update.
     pub update: UpdateStrategy,
     /// Side S of the square template, 8–128 px.
@@ -90,6 +104,7 @@ impl TrackerSettings {
             profile,
             similarity: Similarity::Scv,
             optimisation: Optimisation::SecondOrder,
+            warp: Warp::Translation,
             update: UpdateStrategy::DriftCorrected,
             template_px,
             scv_bins: if template_px < 40 { 16 } else { 32 },

@@ -1,11 +1,11 @@
 use sonoloop_types::{
-    Limits, Optimisation, Profile, ServoSettings, Similarity, TrackerSettings, UpdateStrategy,
+    Limits, Optimisation, Profile, ServoSettings, Similarity, TrackerSettings, UpdateStrategy, Warp,
 };
 
 use super::units::{m, rad, ticks_of_ms};
 use crate::document::Document;
 use crate::raw::{
-    RawCalibration, RawDelays, RawLimits, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate,
+    RawCalibration, RawDelays, RawLimits, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate, RawWarp,
 };
 use crate::{CalibrationSpec, DelaySpec, LoadError, NeedleRobotSpec};
 
@@ -28,6 +28,11 @@ pub(super) fn tracker(raw: &RawTracker) -> TrackerSettings {
             Some(1) => Optimisation::FirstOrder,
             Some(_) => Optimisation::SecondOrder, // 1 and 2 are all that the range lets through
         },
+        warp: raw.warp.map_or(base.warp, |warp| match warp {
+            RawWarp::Translation => Warp::Translation,
+            RawWarp::Rigid => Warp::Rigid,
+            RawWarp::Affine => Warp::Affine,
+        }),
         update: raw.update.map_or(base.update, |update| match update {
             RawUpdate::None => UpdateStrategy::None,
             RawUpdate::Naive => UpdateStrategy::Naive,

@@ -16,5 +16,5 @@ pub(crate) use phantom::{RawInclusion, RawMaterial, RawMaterials, RawPhantom};
 pub(crate) use probe::{RawPrecision, RawProbe};
 pub(crate) use robot::{RawNeedleRobot, RawOpw, RawPose, RawRobot};
 pub(crate) use scenario::{RawCalibration, RawDelays, RawInsertion, RawPlacement, RawScenario, RawView};
-pub(crate) use settings::{RawLimits, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate};
+pub(crate) use settings::{RawLimits, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate, RawWarp};
 pub(crate) use timeline::{RawBound, RawDisturbance, RawKnock, RawNormal, RawRandomize};

@@ -19,6 +19,15 @@ pub(crate) enum RawSimilarity {
     Scv,
 }
 
+/// How the template may move.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawWarp {
+    Translation,
+    Rigid,
+    Affine,
+}
+
 /// How the template follows the target's appearance.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -43,6 +52,8 @@ pub(crate) struct RawTracker {
     /// Order of the optimisation, 1 or 2.
     #[garde(range(min = 1, max = 2))]
     pub order: Option<u8>,
+    /// How the template moves: two, three or six degrees of freedom.
+    pub warp: Option<RawWarp>,
     /// Template update.
     pub update: Option<RawUpdate>,
     /// Grey-level bins of the sum of conditional variances.
@@ -100,6 +111,7 @@ impl Default for RawTracker {
             template_px: 20,
             similarity: None,
             order: None,
+            warp: None,
             update: None,
             scv_bins: None,
             blur_sigma_px: None,
