@@ -58,8 +58,8 @@ fn truth_a_mirror_fades_with_its_angle_as_the_aperture_says() {
     let sigma_m = 0.886 * 1540.0 / 7.54e6 * 2.0 / 2.3548;
     let flat =
         peak(&field(&probe(), &two_liquids(0.024, [0.0; 2], 1.9), pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))).0;
-    for yaw_deg in [0.0, 55.0, 90.0] {
-        let pose = pose(0.0, 0.0, 0.0, yaw_deg, 0.0, 0.0);
+    for (yaw_deg, y_mm) in [(0.0, 0.0), (0.0, 0.12), (25.0, 0.07), (55.0, 0.0), (90.0, 0.2)] {
+        let pose = pose(0.0, y_mm, 0.0, yaw_deg, 0.0, 0.0);
         let along = pose * Vector::x();
         for slope in [0.05f64, 0.1, 0.13] {
             let expected_db = -4.342_944_8 * (two_k * sigma_m * slope).powi(2);
@@ -67,7 +67,19 @@ fn truth_a_mirror_fades_with_its_angle_as_the_aperture_says() {
             let fall_db = peak(&field(&probe(), &tilted, pose)).0 - flat;
             assert!(
                 (fall_db - expected_db).abs() < 1.0,
-                "slope {slope} at {yaw_deg}°: {fall_db} for {expected_db}"
+                "slope {slope} at {yaw_deg}°, {y_mm} mm: {fall_db} for {expected_db}"
+            );
+        }
+        // 10, 14 and 20 degrees: −13, −24 and −50 dB, and the surface's roughness, 26 dB below its mirror. One in a
+        // hundred Rayleigh amplitudes is 2.1 times their rms.
+        for slope in [0.18f64, 0.25, 0.36] {
+            let mirror = (-0.5 * (two_k * sigma_m * slope).powi(2)).exp();
+            let steep = two_liquids(0.024, [slope * along.x, slope * along.y], 1.9);
+            let seen = 10.0f64.powf((peak(&field(&probe(), &steep, pose)).0 - flat) / 20.0);
+            let rough = 2.1 * 10.0f64.powf(-26.0 / 20.0);
+            assert!(
+                (seen - mirror).abs() < rough,
+                "slope {slope} at {yaw_deg}°, {y_mm} mm: {seen} for {mirror}"
             );
         }
     }
@@ -234,5 +246,32 @@ fn truth_echoes_between_two_faces_are_a_thickness_apart() {
     assert!(crests.len() >= 4, "{crests:?}");
     for pair in crests.windows(2) {
         assert!((pair[1] as f64 - pair[0] as f64 - 5.32).abs() <= 1.0, "{crests:?}");
+    }
+}
+
+#[test]
+fn truth_echoes_inside_a_plate_weaken_as_two_passages_and_its_faces_say() {
+    // A bone-like plate and one that lets next to nothing in, 4 mm thick at the assumed speed, so 4 mm apart.
+    for density_ratio in [4.3, 400.0] {
+        let liquid = material(None, 0.0);
+        let body = Acoustics { density_kg_m3: liquid.density_kg_m3 * density_ratio, ..liquid };
+        let tissue = slab([liquid, body], [0.012, 0.016], WIDE);
+        let field = field(&probe(), &tissue, pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let peak_db = |depth_px: usize| {
+            (depth_px - 2..=depth_px + 2)
+                .map(|row| power_db(&field, row..row + 1, -20..20))
+                .fold(f64::MIN, f64::max)
+        };
+        let reflection = f64::from(density_ratio - 1.0) / f64::from(density_ratio + 1.0);
+        let front_db = peak_db(120);
+        // Each is R³(1 − R²) of the front's, and R² less with every passage more.
+        for (bounce, depth_px) in [(2, 200), (3, 240)] {
+            let share = (1.0 - reflection * reflection) * reflection.powi(2 * bounce - 2);
+            let (expected_db, seen_db) = (20.0 * share.log10(), peak_db(depth_px) - front_db);
+            assert!(
+                (seen_db - expected_db).abs() < 1.0,
+                "{density_ratio}, {bounce}: {seen_db} dB for {expected_db}"
+            );
+        }
     }
 }
