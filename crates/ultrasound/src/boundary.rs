@@ -244,7 +244,14 @@ impl Patch {
     fn add(&self, beam: &Beam, spacing_m: f64, amplitude: f64, late_m: f64, echoes: &mut Vec<Echo>) {
         let turn_per_m = beam.two_k_rad_m * self.slope.abs();
         if turn_per_m * spacing_m < ONE_POINT_RAD {
-            echoes.push(Echo { x_m: self.x_m, z_m: self.z_m, late_m, re: amplitude, im: 0.0 });
+            echoes.push(Echo {
+                x_m: self.x_m,
+                z_m: self.z_m,
+                late_m,
+                re: amplitude,
+                im: 0.0,
+                from_inside: false,
+            });
             return;
         }
         let reach_m = PATCH_REACH * PATCH_SIGMA * spacing_m;
@@ -257,7 +264,7 @@ impl Patch {
             let u = aside_m / (PATCH_SIGMA * spacing_m);
             let re = scale * f64::from(exp_minus((0.5 * u * u) as f32));
             let (x_m, z_m) = (self.x_m + aside_m, self.z_m + self.slope * aside_m);
-            echoes.push(Echo { x_m, z_m, late_m, re, im: 0.0 });
+            echoes.push(Echo { x_m, z_m, late_m, re, im: 0.0, from_inside: false });
         }
     }
 }

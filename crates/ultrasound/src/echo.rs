@@ -12,6 +12,8 @@ pub struct Echo {
     /// Amplitude over unit speckle, without the phase of its depth.
     pub re: f64,
     pub im: f64,
+    /// It is heard from inside the steel, so the steel's shadow is not on it.
+    pub from_inside: bool,
 }
 
 impl Echo {

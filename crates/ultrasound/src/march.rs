@@ -36,6 +36,8 @@ pub struct March {
     /// Means over the aperture: of the paths alone, and with what stands in the way.
     pub clear: Vec<f32>,
     pub amplitude: Vec<f32>,
+    /// The latter without steel.
+    pub unshaded: Vec<f32>,
     pub mean_delay_m: Vec<f32>,
 }
 
@@ -68,7 +70,8 @@ impl March {
 
     pub fn clear_sums(&mut self) {
         let across = self.across;
-        let sums = [&mut self.total, &mut self.clear, &mut self.amplitude, &mut self.mean_delay_m];
+        let Self { total, clear, amplitude, unshaded, mean_delay_m, .. } = self;
+        let sums = [total, clear, amplitude, unshaded, mean_delay_m];
         for sums in sums {
             sums.clear();
             sums.resize(across, 0.0);
@@ -102,6 +105,13 @@ impl March {
         }
     }
 
+    /// Adds one direction to the sum without steel.
+    pub fn sum_unshaded(&mut self) {
+        for (unshaded, part) in self.unshaded.iter_mut().zip(&self.part) {
+            *unshaded += part;
+        }
+    }
+
     /// Adds one direction to the sums.
     pub fn sum(&mut self, direction: usize) {
         let delay_m = &self.delay_m[direction * self.across..][..self.across];
@@ -118,6 +128,7 @@ impl March {
             let scale = if *total > 0.0 { 1.0 / total } else { 0.0 };
             self.clear[i] *= scale;
             self.amplitude[i] *= scale;
+            self.unshaded[i] *= scale;
             self.mean_delay_m[i] *= scale;
         }
     }

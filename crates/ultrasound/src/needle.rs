@@ -23,6 +23,9 @@ const ROUGH_REVERBERATIONS: usize = 2;
 /// Amplitude from one reverberation to the next. [assumed] Steel to tissue reflects −0.94 twice, but a thin
 /// cylinder spreads the sound.
 const REVERBERATION_GAIN: f64 = 0.35;
+/// Lines around the front wall that stand for its coherent echo, as far to each side as the aperture sees a mirror: half
+/// the cone's angle. Across the shaft they make a short arc.
+const ARC_LINES: i32 = 2;
 /// Roughness counts where the wall faces the probe within 60°, weighted cos²; mean of cos⁴ over the circle.
 const ROUGH_MIN_COSINE: f64 = 0.5;
 const ROUGH_MEAN_COS4: f64 = 0.1853;
@@ -77,7 +80,11 @@ struct Sink<'a> {
 
 impl Sink<'_> {
     /// Adds a point at (x, e, z) whose peak is `amplitude` over unit speckle, drawn `late_m` farther down.
-    fn add(&mut self, [x_m, e_m, z_m]: [f64; 3], late_m: f64, [re, im]: [f64; 2]) {
+    fn add(&mut self, at: [f64; 3], late_m: f64, amplitude: [f64; 2]) {
+        self.push(at, late_m, amplitude, false);
+    }
+
+    fn push(&mut self, [x_m, e_m, z_m]: [f64; 3], late_m: f64, [re, im]: [f64; 2], from_inside: bool) {
         if z_m < 0.0 {
             return;
         }
@@ -87,7 +94,7 @@ impl Sink<'_> {
             return;
         }
         let scale = self.beam.level_scale(x_m, z_m) * f64::from(exp_minus((0.5 * u * u) as f32));
-        self.echoes.push(Echo { x_m, z_m, late_m, re: scale * re, im: scale * im });
+        self.echoes.push(Echo { x_m, z_m, late_m, re: scale * re, im: scale * im, from_inside });
     }
 }
 
@@ -238,6 +245,9 @@ impl NeedleEchoes {
         let rough_step = rough * (per_point_m / ROUGH_MEAN_COS4 * (q / core::f64::consts::PI).sqrt()).sqrt();
         let bevel_m = 2.0 * radius_m / libm::tan(self.spec.bevel_rad.clamp(0.1, 1.5));
 
+        let beside = a.cross(&up);
+        let arc = if coherent_echoes > 0 { arc(beam, radius_m * up.z.abs()) } else { Vec::new() };
+
         let first = (piece.behind_tip_m / self.step_m - 0.5).ceil().max(0.0) as u64;
         for i in first.. {
             let s_m = (i as f64 + 0.5) * self.step_m;
@@ -249,9 +259,12 @@ impl NeedleEchoes {
             let wall_m = radius_m * ground;
             if coherent_echoes > 0 {
                 let entry = ((piece.total_m - s_m) / ENTRY_FADE_M).min(1.0);
-                let fade = smooth(ground) * smooth(entry);
-                let amplitude = [coherent_step * fade, 0.0];
-                self.add_with_tail(sink, centre + up * wall_m, amplitude, coherent_echoes);
+                let fade = coherent_step * smooth(ground) * smooth(entry);
+                for Facing { cos, sin, weight } in &arc {
+                    let normal = up * *cos + beside * *sin;
+                    let amplitude = weight.map(|part| fade * part);
+                    self.add_with_tail(sink, centre + normal * wall_m, amplitude, coherent_echoes);
+                }
             }
             let first_sector = (i % ROUGH_STEPS) as usize;
             for (sector, &[cos, sin]) in
@@ -276,10 +289,41 @@ impl NeedleEchoes {
         let spacing_m = self.spec.outer_diameter_m * tissue_m_s / STEEL_SOUND_SPEED_M_S;
         let mut gain = 1.0;
         for bounce in 0..if self.reverberates { echoes } else { 1 } {
-            sink.add([at.x, at.y, at.z], bounce as f64 * spacing_m, [gain * re, gain * im]);
+            let amplitude = [gain * re, gain * im];
+            sink.push([at.x, at.y, at.z], bounce as f64 * spacing_m, amplitude, bounce > 0);
             gain *= REVERBERATION_GAIN;
         }
     }
+}
+
+/// A line along the wall: the direction it faces, counted from the one nearest to the probe, and its share of the echo.
+struct Facing {
+    cos: f64,
+    sin: f64,
+    weight: [f64; 2],
+}
+
+/// Lines of the wall that the aperture sees as mirrors, under a triangle as a tapered aperture has. Those aside lie
+/// deeper; their shares are turned so that all together make an echo of one at the place nearest to the probe, which is
+/// `height_m` above the shaft's middle.
+fn arc(beam: &Beam, height_m: f64) -> Vec<Facing> {
+    let cone_rad = libm::atan(beam.half_cone());
+    let step_rad = cone_rad / f64::from(ARC_LINES + 1);
+    let lines =
+        (-ARC_LINES..=ARC_LINES).map(|i| (f64::from(i) * step_rad, f64::from(ARC_LINES + 1 - i.abs())));
+    let turn = |angle: f64| beam.two_k_rad_m * height_m * (1.0 - libm::cos(angle));
+    let [re, im] = lines.clone().fold([0.0; 2], |[re, im], (angle, weight)| {
+        let (sin, cos) = libm::sincos(turn(angle));
+        [re + weight * cos, im - weight * sin]
+    });
+    let power = re * re + im * im;
+    let share = |weight: f64| [weight * re / power, -weight * im / power];
+    lines
+        .map(|(angle, weight)| {
+            let (sin, cos) = libm::sincos(angle);
+            Facing { cos, sin, weight: share(weight) }
+        })
+        .collect()
 }
 
 /// A straight piece of the shaft in the probe frame.

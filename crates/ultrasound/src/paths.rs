@@ -64,6 +64,8 @@ pub struct Paths {
     /// Displayed minus true depth, and two-way amplitude, by true depth.
     delay_m: Vec<f32>,
     two_way: Vec<f32>,
+    /// Two-way amplitude without the needle's shadow; empty when there is none.
+    unshaded: Vec<f32>,
     /// The same two by displayed depth.
     shown_delay_m: Vec<f32>,
     shown_two_way: Vec<f32>,
@@ -89,6 +91,7 @@ impl Paths {
             amplitude: vec![0.0; plane.knots_down() * plane.columns],
             delay_m: zeros(),
             two_way: zeros(),
+            unshaded: Vec::new(),
             shown_delay_m: zeros(),
             shown_two_way: zeros(),
             stretch: vec![1.0; knots],
@@ -104,7 +107,11 @@ impl Paths {
     /// Fills the maps for one needle and contact, after [`Self::sample`]. `needle_diameter_m` is the shaft's.
     pub fn build(&mut self, beam: &Beam, slice: &Slice, needle_diameter_m: f64) {
         self.contact.set(&slice.element_gap_m, &self.plane, beam);
-        self.occlusion.trace(slice, needle_diameter_m, &self.plane);
+        self.occlusion.trace(beam, slice, needle_diameter_m, &self.plane);
+        self.unshaded.clear();
+        if self.occlusion.any() {
+            self.unshaded.resize(self.two_way.len(), 0.0);
+        }
         let across = self.plane.knots_across();
         self.march.start(across);
         for row in 0..self.plane.knots_down() {
@@ -195,8 +202,9 @@ impl Paths {
             if contact.any_blind {
                 contact.shade(direction, plane, wanted_m, &mut march.part);
             }
+            march.sum_unshaded();
             if occlusion.begun() {
-                occlusion.shade(direction, beam, depth_m, &mut march.part);
+                occlusion.shade(direction, row, beam, depth_m, &mut march.part);
             }
             march.sum(direction);
         }
@@ -214,6 +222,13 @@ impl Paths {
             let gain_np = loss_np - pulse_loss_np(loss_np, spread);
             let one_way = amplitude / exp_minus(gain_np);
             *two_way = one_way * one_way;
+        }
+        // Without the needle's own shadow the amplitude differs by a factor, here and there.
+        let unshaded = self.unshaded.get_mut(row * across..).unwrap_or_default();
+        let sums = march.unshaded.iter().zip(&march.amplitude).zip(&self.two_way[row * across..]);
+        for (out, ((unshaded, amplitude), two_way)) in unshaded.iter_mut().zip(sums) {
+            let more = if *amplitude > 0.0 { unshaded / amplitude } else { 1.0 };
+            *out = two_way * more * more;
         }
     }
 
@@ -277,6 +292,16 @@ impl Paths {
     /// Displayed minus true depth of a place of the plane.
     pub fn delay_m(&self, x_m: f64, z_m: f64) -> f64 {
         if self.any_delay { self.at(&self.delay_m, x_m, z_m) } else { 0.0 }
+    }
+
+    /// By how much the needle's own late echoes must be stronger at a place to be drawn as if its shadow were not on them.
+    pub fn unshade(&self, x_m: f64, z_m: f64) -> f64 {
+        const MOST: f64 = 50.0;
+        if self.unshaded.is_empty() {
+            return 1.0;
+        }
+        let shaded = self.at(&self.two_way, x_m, z_m);
+        (self.at(&self.unshaded, x_m, z_m) / shaded.max(1e-12)).clamp(1.0, MOST)
     }
 
     /// Transmitted over received centre frequency at a place: by so much the lateral beam is wider.

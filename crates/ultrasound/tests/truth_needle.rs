@@ -6,9 +6,12 @@ use common::{gel, needle, needle_in_probe, pose, probe, slice, water};
 use sonoloop_types::{Effects, Image, ImageGeometry, NeedleSpec, Point, Pose, ProbeSpec, Slice, Tissue};
 use sonoloop_ultrasound::Renderer;
 
-/// Power of the field per pixel of the image, with the given needle.
+/// Power of the field per pixel of the image, with the given needle. Without its shadow: that comes after the field, in
+/// which what is heard from inside the steel stands as much higher as the shadow will take.
 fn power(spec: &NeedleSpec, tissue: &Tissue, slice: &Slice) -> Vec<f64> {
-    let field = Renderer::new(probe(), spec.clone(), tissue.clone(), 4).field(slice);
+    let effects = Effects { needle_shadow: false, ..Effects::default() };
+    let probe = ProbeSpec { effects, ..probe() };
+    let field = Renderer::new(probe, spec.clone(), tissue.clone(), 4).field(slice);
     let mut power = vec![0.0; 640 * field.rows];
     for (i, [re, im]) in field.values.iter().enumerate() {
         let (row, column) = (i / field.columns, i % field.columns + field.first_px);
