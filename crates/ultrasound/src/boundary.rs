@@ -250,7 +250,7 @@ impl Patch {
                 late_m,
                 re: amplitude,
                 im: 0.0,
-                from_inside: false,
+                unshaded: false,
             });
             return;
         }
@@ -264,7 +264,7 @@ impl Patch {
             let u = aside_m / (PATCH_SIGMA * spacing_m);
             let re = scale * f64::from(exp_minus((0.5 * u * u) as f32));
             let (x_m, z_m) = (self.x_m + aside_m, self.z_m + self.slope * aside_m);
-            echoes.push(Echo { x_m, z_m, late_m, re, im: 0.0, from_inside: false });
+            echoes.push(Echo { x_m, z_m, late_m, re, im: 0.0, unshaded: false });
         }
     }
 }

@@ -12,8 +12,8 @@ pub struct Echo {
     /// Amplitude over unit speckle, without the phase of its depth.
     pub re: f64,
     pub im: f64,
-    /// It is heard from inside the steel, so the steel's shadow is not on it.
-    pub from_inside: bool,
+    /// The needle's own shadow is not on it: it comes from inside the steel, or its level is stated as it is seen.
+    pub unshaded: bool,
 }
 
 impl Echo {

@@ -61,6 +61,26 @@ const MAX_LENGTH_M: f64 = 0.5;
 /// Elevation beyond which even the tip's echo is far below noise, in σ.
 const REACH: f64 = 4.1;
 
+/// The steel's outline.
+#[derive(Debug, Clone, Copy)]
+pub struct Shaft {
+    pub radius_m: f64,
+    /// Length from the tip over which the bevel is ground.
+    pub bevel_m: f64,
+}
+
+impl Shaft {
+    pub fn new(spec: &NeedleSpec) -> Self {
+        let radius_m = spec.outer_diameter_m / 2.0;
+        Self { radius_m, bevel_m: 2.0 * radius_m / libm::tan(spec.bevel_rad.clamp(0.1, 1.5)) }
+    }
+
+    /// Distance of the wall from the middle line, so far behind the tip: there the steel is ground away.
+    pub fn wall_m(&self, behind_tip_m: f64) -> f64 {
+        self.radius_m * (behind_tip_m / self.bevel_m).min(1.0)
+    }
+}
+
 /// The needle's constants and the picture's echoes.
 pub struct NeedleEchoes {
     spec: NeedleSpec,
@@ -84,7 +104,7 @@ impl Sink<'_> {
         self.push(at, late_m, amplitude, false);
     }
 
-    fn push(&mut self, [x_m, e_m, z_m]: [f64; 3], late_m: f64, [re, im]: [f64; 2], from_inside: bool) {
+    fn push(&mut self, [x_m, e_m, z_m]: [f64; 3], late_m: f64, [re, im]: [f64; 2], unshaded: bool) {
         if z_m < 0.0 {
             return;
         }
@@ -94,7 +114,7 @@ impl Sink<'_> {
             return;
         }
         let scale = self.beam.level_scale(x_m, z_m) * f64::from(exp_minus((0.5 * u * u) as f32));
-        self.echoes.push(Echo { x_m, z_m, late_m, re: scale * re, im: scale * im, from_inside });
+        self.echoes.push(Echo { x_m, z_m, late_m, re: scale * re, im: scale * im, unshaded });
     }
 }
 
@@ -195,7 +215,7 @@ impl NeedleEchoes {
         // Sound rings down in the thin wedge behind the edge: a short tail, weaker with every bounce.
         let mut tail = level;
         for bounce in 0..TIP_BOUNCES {
-            sink.add([tip.x, tip.y, tip.z], bounce as f64 * TIP_BOUNCE_M, [tail, 0.0]);
+            sink.push([tip.x, tip.y, tip.z], bounce as f64 * TIP_BOUNCE_M, [tail, 0.0], true);
             tail *= TIP_BOUNCE_GAIN;
         }
         if self.side_lobes {
@@ -206,7 +226,7 @@ impl NeedleEchoes {
             let back_m = FACET_LENGTH_M * (i as f64 + 0.5) / FACET_POINTS as f64;
             let p = tip - axis * back_m;
             let level = level * FACET_GAIN / (FACET_POINTS as f64).sqrt();
-            sink.add([p.x, p.y, p.z], 0.0, [level * f64::from(re), level * f64::from(im)]);
+            sink.push([p.x, p.y, p.z], 0.0, [level * f64::from(re), level * f64::from(im)], true);
         }
     }
 
@@ -243,7 +263,7 @@ impl NeedleEchoes {
         // Power of independent points on a line: v/ds·√(π/q); so that the rms is the stated level.
         let per_point_m = self.step_m * ROUGH_STEPS as f64 / SECTORS as f64;
         let rough_step = rough * (per_point_m / ROUGH_MEAN_COS4 * (q / core::f64::consts::PI).sqrt()).sqrt();
-        let bevel_m = 2.0 * radius_m / libm::tan(self.spec.bevel_rad.clamp(0.1, 1.5));
+        let shaft = Shaft::new(&self.spec);
 
         let beside = a.cross(&up);
         let arc = if coherent_echoes > 0 { arc(beam, radius_m * up.z.abs()) } else { Vec::new() };
@@ -255,8 +275,8 @@ impl NeedleEchoes {
                 break;
             }
             let centre = piece.end - a * (s_m - piece.behind_tip_m);
-            let ground = (s_m / bevel_m).min(1.0);
-            let wall_m = radius_m * ground;
+            let wall_m = shaft.wall_m(s_m);
+            let ground = (s_m / shaft.bevel_m).min(1.0);
             if coherent_echoes > 0 {
                 let entry = ((piece.total_m - s_m) / ENTRY_FADE_M).min(1.0);
                 let fade = coherent_step * smooth(ground) * smooth(entry);

@@ -11,13 +11,14 @@ use sonoloop_types::{Point, ProbeSpec, Slice};
 use crate::{
     beam::Beam,
     march::{DIRECTIONS, offset},
+    needle::Shaft,
     paths::Plane,
 };
 
 /// Share of the amplitude that steel takes away. [assumed] Its wall reflects 0.94; some sound goes round.
 const OPACITY: f32 = 0.85;
 /// The shadow begins so far below the steel's front wall, so that the wall's own echo is not in it. [assumed]
-const BELOW_M: f64 = 0.4e-3;
+const BELOW_M: f64 = 0.6e-3;
 
 /// Steel across a ray: its depth, what it covers in elevation, and of the ray's width.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,7 +68,7 @@ impl Occlusion {
     }
 
     /// Lists where the needle of a picture shades.
-    pub fn trace(&mut self, beam: &Beam, slice: &Slice, diameter_m: f64, plane: &Plane) {
+    pub fn trace(&mut self, beam: &Beam, slice: &Slice, shaft: &Shaft, plane: &Plane) {
         self.shades.clear();
         self.next = 0;
         self.covers.clear();
@@ -77,8 +78,10 @@ impl Occlusion {
         if line.iter().any(|p| !p.coords.iter().all(|v| v.is_finite())) {
             return;
         }
-        for ends in line.windows(2) {
-            self.trace_piece([ends[0], ends[1]], diameter_m / 2.0, plane);
+        let mut behind_tip_m = 0.0;
+        for ends in line.windows(2).rev() {
+            self.trace_piece([ends[0], ends[1]], behind_tip_m, shaft, plane);
+            behind_tip_m += (ends[1] - ends[0]).norm();
         }
         self.shades.sort_by_key(|shade| shade.row);
         if self.any() {
@@ -87,9 +90,10 @@ impl Occlusion {
         }
     }
 
-    /// Cuts a straight piece into rows of knots.
-    fn trace_piece(&mut self, [a, b]: [Point; 2], radius_m: f64, plane: &Plane) {
-        let (a, b) = if a.z <= b.z { (a, b) } else { (b, a) };
+    /// Cuts a straight piece, whose second end is so far behind the tip, into rows of knots.
+    fn trace_piece(&mut self, [a, end]: [Point; 2], behind_tip_m: f64, shaft: &Shaft, plane: &Plane) {
+        let (a, b) = if a.z <= end.z { (a, end) } else { (end, a) };
+        let radius_m = shaft.radius_m;
         let step_m = plane.step_m();
         let deepest_m = step_m * (plane.knots_down() - 1) as f64;
         let reach_m = self.element_height_m / 2.0 + radius_m;
@@ -107,6 +111,8 @@ impl Occlusion {
             } else {
                 (a, b)
             };
+            let middle = from + (to - from) / 2.0;
+            let radius_m = shaft.wall_m(behind_tip_m + (middle - end).norm());
             // What is beside the picture casts no shadow into it.
             let most = (plane.knots_across() - 1) as f64 + 0.5;
             let place = |x_m: f64| ((x_m - plane.first_x_m) / plane.step_m()).clamp(-0.5, most);
@@ -114,7 +120,7 @@ impl Occlusion {
             if ends[0] >= ends[1] {
                 continue;
             }
-            let depth_m = (from.z + to.z) / 2.0;
+            let depth_m = middle.z;
             self.shades.push(Shade {
                 row: ((depth_m - radius_m + BELOW_M) / step_m).ceil().max(0.0) as usize,
                 ends,

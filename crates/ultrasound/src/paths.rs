@@ -16,6 +16,7 @@ use crate::{
     lattice::Lattice,
     march::{DIRECTIONS, March},
     motion::Motion,
+    needle::Shaft,
     occlusion::Occlusion,
 };
 
@@ -104,10 +105,10 @@ impl Paths {
         }
     }
 
-    /// Fills the maps for one needle and contact, after [`Self::sample`]. `needle_diameter_m` is the shaft's.
-    pub fn build(&mut self, beam: &Beam, slice: &Slice, needle_diameter_m: f64) {
+    /// Fills the maps for one needle and contact, after [`Self::sample`]. `shaft` is the needle's.
+    pub fn build(&mut self, beam: &Beam, slice: &Slice, shaft: &Shaft) {
         self.contact.set(&slice.element_gap_m, &self.plane, beam);
-        self.occlusion.trace(beam, slice, needle_diameter_m, &self.plane);
+        self.occlusion.trace(beam, slice, shaft, &self.plane);
         self.unshaded.clear();
         if self.occlusion.any() {
             self.unshaded.resize(self.two_way.len(), 0.0);
@@ -294,7 +295,7 @@ impl Paths {
         if self.any_delay { self.at(&self.delay_m, x_m, z_m) } else { 0.0 }
     }
 
-    /// By how much the needle's own late echoes must be stronger at a place to be drawn as if its shadow were not on them.
+    /// By how much echoes of the needle must be stronger at a place to be drawn as if its shadow were not on them.
     pub fn unshade(&self, x_m: f64, z_m: f64) -> f64 {
         const MOST: f64 = 50.0;
         if self.unshaded.is_empty() {

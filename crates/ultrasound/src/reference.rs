@@ -10,7 +10,7 @@ use crate::{
     columns::Columns,
     lattice::{Lattice, TAPE_LENGTH},
     motion::Motion,
-    needle::NeedleEchoes,
+    needle::{NeedleEchoes, Shaft},
     paths::Paths,
     renderer::Frame,
     tape::{BakedTape, gaussian_tape},
@@ -90,7 +90,7 @@ pub fn field(
     places().for_each(|[ix, iy]| columns.learn(ix, iy));
     let motion = slice.indentation.as_ref().map(Motion::new);
     paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());
-    paths.build(&beam, slice, needle.outer_diameter_m);
+    paths.build(&beam, slice, &Shaft::new(needle));
     let mut canvas =
         Canvas { beam: &beam, paths: &paths, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
 

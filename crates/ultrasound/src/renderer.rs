@@ -18,7 +18,7 @@ use crate::{
     lateral::{BeamFilters, LateralFilters, LineMap},
     lattice::Lattice,
     motion::Motion,
-    needle::NeedleEchoes,
+    needle::{NeedleEchoes, Shaft},
     paths::{Paths, Plane},
     points::{self, Points},
     shear::Shear,
@@ -49,7 +49,7 @@ pub struct Renderer {
     points: Points,
     motion: Option<Motion>,
     grid: Grid,
-    needle_diameter_m: f64,
+    shaft: Shaft,
     needle: NeedleEchoes,
     stamps: Stamps,
     surfaces: Vec<Echo>,
@@ -158,7 +158,7 @@ impl Renderer {
             points: Points::default(),
             motion: None,
             grid: Grid::default(),
-            needle_diameter_m: needle.outer_diameter_m,
+            shaft: Shaft::new(&needle),
             needle: NeedleEchoes::new(&needle, &beam, &probe, seed),
             stamps: Stamps::default(),
             surfaces: Vec::new(),
@@ -298,7 +298,7 @@ impl Renderer {
         }
         let Self { jobs, points, grid, stamps, paths, needle, surfaces, .. } = self;
         let (tape, elevation, tissue, pose) = (&*tape, &*elevation, &*tissue, &slice.phantom_from_probe);
-        let diameter_m = self.needle_diameter_m;
+        let shaft = &self.shaft;
         // The grid's tasks are there for whoever is done first.
         rayon::join(
             || {
@@ -320,7 +320,7 @@ impl Renderer {
                 if let Some(shear) = shear {
                     boundary::add_echoes(beam, lattice, shear, tissue, slice, motion, surfaces);
                 }
-                paths.build(beam, slice, diameter_m);
+                paths.build(beam, slice, shaft);
                 let echoes = [&*needle.echoes, surfaces];
                 stamp::prepare(instructions, stamps, beam, paths, echoes, layout, rows);
             },

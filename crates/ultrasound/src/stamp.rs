@@ -138,7 +138,7 @@ wide! {
             stamps.axial.resize((stamp.axial + stamp.rows[1] - stamp.rows[0]) as usize, [0.0; 2]);
             // Speckle keeps its level when the beam widens; a point spreads its energy.
             let mut scale = 1.0 / place.stretch.sqrt();
-            if echo.from_inside {
+            if echo.unshaded {
                 scale *= paths.unshade(echo.x_m, echo.z_m + echo.late_m);
             }
             let [re, im] = echo.baseband(beam, place.delay_m).map(|part| (scale * part) as f32);

@@ -304,3 +304,37 @@ fn truth_shadow_of_the_shaft_fills_as_the_aperture_grows_past_it() {
         assert!(change_db.abs() < 0.3, "row {row}: {change_db} dB without shadow");
     }
 }
+
+#[test]
+fn a_shadow_is_neither_on_the_tip_nor_beyond_it() {
+    let rest = pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let picture = |needle_shadow: bool, slice: &Slice| {
+        let effects = Effects { needle_shadow, ..Effects::default() };
+        let probe = ProbeSpec { effects, dynamic_range_db: 100.0, speckle_level_db: 60.0, ..probe() };
+        let mut image = Image::black(1, 1);
+        Renderer::new(probe, needle(), gel(), 4).render(slice, &mut image);
+        image
+    };
+    for (deg, depth_mm) in [(20.0f64, 14.4), (40.0, 24.13), (60.0, 33.3)] {
+        let (sin, cos) = deg.to_radians().sin_cos();
+        for axis in [[cos, 0.0, sin], [0.0, cos, sin]] {
+            let slice = with_needle(&rest, [0.0, 0.0, depth_mm], axis);
+            let [shaded, clear] = [true, false].map(|on| picture(on, &slice));
+            let row = (depth_mm * 10.0) as u32;
+            let brightest = |image: &Image| {
+                let near = (row - 2..=row + 2).flat_map(|v| image.row(v)[317..=322].iter().copied());
+                f64::from(near.max().expect("pixels")) / 255.0 * 100.0
+            };
+            let loss_db = brightest(&clear) - brightest(&shaded);
+            assert!(loss_db < 1.0, "{deg}°, {axis:?}: the tip loses {loss_db} dB");
+            // A millimetre beside and under the tip the aperture still sees past it.
+            let beyond = |image: &Image| -> f64 {
+                let there =
+                    (row..row + 10).flat_map(|v| image.row(v)[335..400].iter().map(|&g| f64::from(g)));
+                there.sum::<f64>() / 650.0 / 255.0 * 100.0
+            };
+            let loss_db = beyond(&clear) - beyond(&shaded);
+            assert!(loss_db.abs() < 0.3, "{deg}°, {axis:?}: {loss_db} dB beyond the tip");
+        }
+    }
+}
