@@ -2,7 +2,7 @@
 
 use crate::{
     beam::{Beam, PROFILE_REACH, unit_energy_peak},
-    fast::{exp_minus, floor},
+    fast::{exp_minus, floor, turn},
     instructions::wide,
     lateral::{BeamFilters, LateralScratch},
 };
@@ -88,6 +88,10 @@ impl AxialScratch {
                 weighted_sum(*instructions, taps, &sources, first, &mut out_re[first..end]);
                 weighted_sum(*instructions, taps, &sources, columns + first, &mut out_im[first..end]);
             }
+            if paths.any_delay {
+                // The carrier is late as well.
+                turn_blocks(*instructions, beam.two_k_rad_m, &self.delays_m, out_re, out_im);
+            }
         }
     }
 
@@ -132,11 +136,11 @@ impl AxialScratch {
         self.delays_m.resize(columns / DELAY_BLOCK, 0.0);
         paths.delays_of_row(row, &mut self.delays_m);
         let step_m = DELAY_STEP_PX * spacing_m as f32;
-        self.delays_m.iter_mut().for_each(|delay| *delay = floor(f64::from(*delay / step_m) + 0.5) as f32);
+        let steps = |delay_m: f32| floor(f64::from(delay_m / step_m) + 0.5);
         let mut first = 0;
-        for same in self.delays_m.chunk_by(|a, b| a == b) {
+        for same in self.delays_m.chunk_by(|a, b| steps(*a) == steps(*b)) {
             let end = first + same.len() * DELAY_BLOCK;
-            self.groups.push(group(first, end, f64::from(same[0] * step_m)));
+            self.groups.push(group(first, end, steps(same[0]) as f64 * f64::from(step_m)));
             first = end;
         }
     }
@@ -149,6 +153,26 @@ wide! {
         let (in_blocks, rest) = out.split_at_mut(most);
         blocks::<BLOCK>(taps, sources, first, in_blocks);
         blocks::<DELAY_BLOCK>(taps, sources, first + most, rest);
+    }
+}
+
+wide! {
+    /// Turns the phase of columns by −2k·delay, which is linear between the middles of blocks.
+    fn turn_blocks(two_k_rad_m: f64, delays_m: &[f32], out_re: &mut [f32], out_im: &mut [f32]) {
+        let turns_per_m = (two_k_rad_m / core::f64::consts::TAU) as f32;
+        let re = out_re.as_chunks_mut::<DELAY_BLOCK>().0;
+        let im = out_im.as_chunks_mut::<DELAY_BLOCK>().0;
+        for (block, (re, im)) in re.iter_mut().zip(im).enumerate() {
+            let before = delays_m[block.saturating_sub(1)];
+            let here = delays_m[block];
+            let after = delays_m[(block + 1).min(delays_m.len() - 1)];
+            for x in 0..DELAY_BLOCK {
+                let past = (x as f32 + 0.5) / DELAY_BLOCK as f32 - 0.5;
+                let beside = if past < 0.0 { here - before } else { after - here };
+                let [cos, sin] = turn(turns_per_m * (here + past * beside));
+                (re[x], im[x]) = (re[x] * cos + im[x] * sin, im[x] * cos - re[x] * sin);
+            }
+        }
     }
 }
 

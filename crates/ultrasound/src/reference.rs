@@ -43,9 +43,7 @@ impl Canvas<'_> {
             * 1.2;
         let left = ((x_m - REACH * widest_m - first_x_m) / spacing_m).ceil().max(0.0) as usize;
         let right = (x_m + REACH * widest_m - first_x_m) / spacing_m;
-        let top = ((z_m - REACH * sigma_z_m) / spacing_m).ceil().max(0.0) as usize;
-        let bottom = (z_m + REACH * sigma_z_m) / spacing_m;
-        if right < 0.0 || bottom < 0.0 {
+        if right < 0.0 {
             return;
         }
         let lateral: Vec<f64> = (left..columns.min(right as usize + 1))
@@ -59,13 +57,28 @@ impl Canvas<'_> {
                 libm::exp(-0.5 * d * d) * if energy { unit_energy_peak(sigma_m) } else { point }
             })
             .collect();
-        for row in top..self.frame.rows().min(bottom as usize + 1) {
-            let d = (row as f64 * spacing_m - z_m) / sigma_z_m;
-            let axial = libm::exp(-0.5 * d * d) * if energy { unit_energy_peak(sigma_z_m) } else { 1.0 };
-            let out = self.values[row * columns..][..columns].iter_mut().skip(left);
-            for (value, l) in out.zip(&lateral) {
-                value[0] += re * axial * l;
-                value[1] += im * axial * l;
+        // Drawn, and turned, by the time that echoes take on their line; all lines alike without delays.
+        let mut axial: Vec<[f64; 2]> = Vec::new();
+        let mut top = 0;
+        for (j, l) in (left..).zip(&lateral) {
+            if j == left || self.paths.any_delay {
+                let late_m = self.paths.delay_m(first_x_m + j as f64 * spacing_m, z_m);
+                let (sin, cos) = libm::sincos(-self.beam.two_k_rad_m * late_m);
+                let amplitude = [re * cos - im * sin, re * sin + im * cos];
+                let shown_m = z_m + late_m;
+                top = ((shown_m - REACH * sigma_z_m) / spacing_m).ceil().max(0.0) as usize;
+                let end = ((shown_m + REACH * sigma_z_m) / spacing_m + 1.0).max(0.0) as usize;
+                axial.clear();
+                axial.extend((top..self.frame.rows().min(end)).map(|row| {
+                    let d = (row as f64 * spacing_m - shown_m) / sigma_z_m;
+                    let peak = if energy { unit_energy_peak(sigma_z_m) } else { 1.0 };
+                    amplitude.map(|part| part * peak * libm::exp(-0.5 * d * d))
+                }));
+            }
+            for (row, [re, im]) in (top..).zip(&axial) {
+                let value = &mut self.values[row * columns + j];
+                value[0] += re * l;
+                value[1] += im * l;
             }
         }
     }
