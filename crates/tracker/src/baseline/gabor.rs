@@ -14,11 +14,10 @@ use super::half::{Half, LANE, Lane};
 
 /// Orientations in the bank, evenly over half a turn.
 pub(crate) const ORIENTATIONS: usize = 12;
-/// Wavelength λ in half-resolution pixels: its positive half is a ridge 6 px wide in the picture, and ridges from
-/// 3 to 8 px wide still answer with more than half as much.
+/// Wavelength λ in half-resolution pixels: its positive half is a ridge 6 px wide in the picture.
 const WAVELENGTH: f64 = 6.0;
-/// Envelope σ in half-resolution pixels: one octave wide (σ = 0.56 λ would be exact), and a turn by the bank's
-/// spacing of 15° lowers the answer by a quarter.
+/// Envelope σ in half-resolution pixels: half the wavelength, so a little over one octave wide. A wave that is
+/// turned by the bank's spacing δ = 15° is answered with exp(−½(kσδ)²) = 71 % of its amplitude.
 const SIGMA: f64 = 3.0;
 /// Taps to either side of the middle, 2.7 σ.
 const RADIUS: usize = 8;

@@ -11,7 +11,7 @@ use super::packing::Point;
 
 /// Of every image, so that it gives the same line on every machine and in every order of images.
 const SEED: u64 = 0x0067_6162_6f72;
-/// With only 20 of 256 points on the needle (one that just came in), all draws miss it in one image out of 2·10⁵.
+/// With only 20 of 256 points on the needle (one that just came in), all draws miss it in less than one image of 10⁴.
 const DRAWS: u32 = 2000;
 /// Farthest an inlier may lie from the line: a cell's strongest pixel is somewhere on a ridge up to 6 px wide.
 const TOLERANCE_PX: f64 = 3.0;

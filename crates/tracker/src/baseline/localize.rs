@@ -66,10 +66,14 @@ pub struct Localized {
     pub axis_px: [f64; 2],
     /// 0 … 1: how much of its stretch the filter saw, times the probability that it ends within 4 px of the tip.
     pub confidence: f64,
+    /// Packed points that agree on the line.
+    pub inliers: usize,
+    /// Their rms distance from the line, weighted by the filter's response.
+    pub residual_px: f64,
 }
 
-/// Finds the needle in single pictures. Owns its scratch; after the first picture none of the same size or smaller
-/// allocates memory.
+/// Finds the needle in single pictures. Owns its scratch: buffers grow to what the largest picture needed, and
+/// are kept.
 #[derive(Debug, Clone)]
 pub struct Localizer {
     insertion: Insertion,
@@ -111,7 +115,13 @@ impl Localizer {
             return None;
         }
         let tip = self.tip.find(&self.profile, &fit, &self.points)?;
-        Some(Localized { tip_px: tip.tip_px, axis_px, confidence: tip.confidence })
+        Some(Localized {
+            tip_px: tip.tip_px,
+            axis_px,
+            confidence: tip.confidence,
+            inliers: fit.inliers,
+            residual_px: fit.residual_px,
+        })
     }
 }
 

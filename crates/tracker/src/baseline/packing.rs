@@ -4,7 +4,7 @@ use super::gabor::orientation_rad;
 
 /// Side of a cell in half-resolution pixels; each gives its strongest pixel.
 const CELL: usize = 4;
-/// The strongest points that are kept. A needle across a picture of 640 × 480 px crosses about 120 cells.
+/// The strongest points that are kept. A needle across a picture of 640 × 480 px crosses at most 140 cells.
 pub(crate) const MAX_POINTS: usize = 256;
 
 /// A pixel that stands for its cell.

@@ -63,7 +63,12 @@ fn inside(image: &Image, at_px: [f64; 2], axis_px: [f64; 2]) -> Option<[f64; 2]>
     let (mut first, mut last) = (f64::NEG_INFINITY, f64::INFINITY);
     for (axis, size) in [image.width_px, image.height_px].into_iter().enumerate() {
         let end = f64::from(size) - 1.0;
-        // A line along the border keeps to it: the division by its zero gives infinities of the right sign.
+        if axis_px[axis] == 0.0 {
+            if !(0.0..=end).contains(&at_px[axis]) {
+                return None;
+            }
+            continue;
+        }
         let ends = [-at_px[axis] / axis_px[axis], (end - at_px[axis]) / axis_px[axis]];
         first = first.max(ends[0].min(ends[1]));
         last = last.min(ends[0].max(ends[1]));
@@ -103,6 +108,7 @@ mod tests {
         assert_eq!((profile.contrast[10], profile.contrast[40], profile.aside[10]), (100.0, 0.0, 0.0));
         assert_eq!((profile.nearest([33.2, 25.0]), profile.nearest([-9.0, 0.0])), (33, 0));
         assert!(!profile.fill(&image, &Line { at_px: [10.0, -5.0], ..line }, [1.0, 0.0]));
+        assert!(profile.fill(&image, &Line { at_px: [10.0, 0.0], ..line }, [1.0, 0.0]), "along the border");
     }
 
     #[test]

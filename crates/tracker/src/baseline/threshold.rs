@@ -64,9 +64,9 @@ mod tests {
 
     #[test]
     fn truth_otsu_on_a_histogram_computed_by_hand() {
-        // Splits after bin 0 … 4 give n0·n1·(μ0 − μ1)² of
-        // 4·12·(0 − 3.5)² = 588, 8·8·(0.5 − 4.75)² = 1156, 10·6·(0.8 − 5.667)² = 1421, and from bin 3 on, empty bins
-        // up to bin 4 and then 12·4·(1.5 − 6)² = 972: the best is after bin 2.
+        // Splits after bins 0, 1, 2, 3 and 4 give n0·n1·(μ0 − μ1)² of
+        // 4·12·(0 − 3.5)² = 588, 8·8·(0.5 − 4.75)² = 1156, 10·6·(0.8 − 5.667)² = 1421, twice the same (empty bins),
+        // and after bin 5 12·4·(1.5 − 6)² = 972: the best, and the first of equals, is after bin 2.
         let histogram = [4, 4, 2, 0, 0, 2, 4];
         assert_eq!(otsu(&histogram), 3);
         assert_eq!(otsu(&[0, 9, 0]), 0, "one class cannot be parted");
