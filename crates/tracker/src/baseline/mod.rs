@@ -1,8 +1,8 @@
 //! The authors' earlier method, as a baseline: the needle is localised in every image, and its tip smoothed.
 //!
-//! Gabor filter → automatic threshold → bin packing → RANSAC line → tip by probability along the line → Kalman filter: the
-//! paper's references 8 to 10, built from what the paper says of them, so filters, thresholds and noise are chosen here
-//! and documented where they stand.
+//! Gabor filter → automatic threshold → bin packing → RANSAC line → tip by probability along the line → Kalman
+//! filter: the paper's references 8 to 10, built from what the paper says of them, so filters, thresholds and noise
+//! are chosen here and documented where they stand.
 //!
 //! The paper's introduction says what is wrong with it, and the tests show it: it has no memory of what its needle
 //! looked like, so in misalignment it takes the next best bright line for the needle and goes on TRACKING. It is
@@ -19,10 +19,9 @@
 //! | 0.8 | 100 % | 92 % | 2.7 px beyond | 0.2 px |
 //! | 1.0 | 100 % | 88 % | 2.8 px beyond | 0.2 px |
 //!
-//! Speckle alone was taken for a needle in none of 2160 images
-//! of such seeds. A line of a needle's width and brightness was in every
-//! one once the needle had left the plane, and one that goes right across the picture (a fascia) is even beside the
-//! needle: [`Insertion::angle_rad`] leaves out the directions in which such lines run.
+//! Speckle alone was taken for a needle in none of 2160 images of such seeds. A line of a needle's width and brightness
+//! was, in every image once the needle had left the plane; one that goes right across the picture (a fascia) is taken
+//! even beside the needle. [`Insertion::angle_rad`] leaves out the directions in which such lines run.
 //!
 //! ```
 //! use sonoloop_tracker::baseline::{Insertion, localize};
