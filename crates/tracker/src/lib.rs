@@ -9,9 +9,13 @@
 //! `P` the patch of the current image under the template; `w` the Gaussian weight about the tip; `Δ` the change of
 //! the whole image's median grey level since a template was taken.
 //!
-//! The same images give the same bytes on every machine: sums run in one fixed order, and the only transcendental
-//! function, the exponential of the Gaussian tables, comes from `libm`.
+//! [`baseline`] holds the authors' earlier method, which localises the needle in every image by itself: to compare
+//! with, and to find a first tip.
+//!
+//! The same images give the same bytes on every machine: sums run in one fixed order, and the transcendental
+//! functions come from `libm`.
 
+pub mod baseline;
 mod checkpoint;
 mod error;
 mod gaussian;

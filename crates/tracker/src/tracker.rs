@@ -413,7 +413,7 @@ impl View {
 }
 
 /// Whether the pixels match the size, and there are any.
-fn is_sound(image: &Image) -> bool {
+pub(crate) fn is_sound(image: &Image) -> bool {
     let expected = (image.width_px as usize).checked_mul(image.height_px as usize);
     expected == Some(image.pixels.len()) && !image.pixels.is_empty()
 }
