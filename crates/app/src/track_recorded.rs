@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use sonoloop_tracker::{Context, Tracker};
+use sonoloop_tracker::baseline::{BaselineTracker, Insertion, Localizer};
+use sonoloop_tracker::{Context, Tracker, snap_to_peak};
 use sonoloop_types::{
-    Estimate, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy, Warp,
+    Estimate, Image, Optimisation, Profile, Reason, Similarity, TrackState, TrackerSettings, UpdateStrategy,
+    Warp,
 };
 
 use crate::error::AppError;
@@ -29,9 +31,12 @@ pub struct TrackRecorded {
     /// Recorded images: an .mha file of the PLUS kind, or a folder of PNG files
     #[arg(required = false)]
     pub sequence: PathBuf,
-    /// The tip in the first image, in pixels with depth running down
-    #[arg(long, value_name = "U,V", required = false, value_parser = parse_px, allow_hyphen_values = true)]
-    pub init: Px,
+    /// The tip in the first image, in pixels with depth running down; or `localize`: look for a needle until there is one
+    #[arg(long, value_name = "U,V|localize", required = false, value_parser = parse_init, allow_hyphen_values = true)]
+    pub init: Init,
+    /// The template tracker, or the authors' earlier method, which localises the needle in every image
+    #[arg(long, value_enum, default_value = "template")]
+    pub tracker: TrackerArg,
     /// Set of tracker settings to start from
     #[arg(long, value_enum, default_value = "robust")]
     pub profile: ProfileArg,
@@ -57,6 +62,27 @@ pub struct TrackRecorded {
 
 /// A place (u, v) in a picture.
 pub type Px = [f64; 2];
+
+/// `--init`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Init {
+    /// The tip is here in the first image.
+    At(Px),
+    /// The tip is where a needle ends that is found in the picture.
+    Localize,
+}
+
+/// `--tracker`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TrackerArg {
+    /// Templates
+    Template,
+    /// Gabor filter, RANSAC line and Kalman filter in every image; goes with `--init localize`
+    Baseline,
+}
+
+/// How far from where a needle is found to end the echo of its tip may be.
+const SNAP_PX: f64 = 5.0;
 
 /// `--profile`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -98,13 +124,16 @@ pub enum UpdateArg {
     DriftCorrected,
 }
 
-fn parse_px(text: &str) -> Result<Px, String> {
-    let (u, v) = text.split_once(',').ok_or("must be U,V, for example 238.1,327.6")?;
+fn parse_init(text: &str) -> Result<Init, String> {
+    if text == "localize" {
+        return Ok(Init::Localize);
+    }
+    let (u, v) = text.split_once(',').ok_or("must be U,V, for example 238.1,327.6, or localize")?;
     let number = |text: &str| {
         let parsed = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
         parsed.ok_or_else(|| format!("\"{}\" is not a number", text.trim()))
     };
-    Ok([number(u)?, number(v)?])
+    Ok(Init::At([number(u)?, number(v)?]))
 }
 
 impl TrackRecorded {
@@ -161,31 +190,70 @@ pub fn track(args: &TrackRecorded) -> Result<Vec<TrackedImage>, AppError> {
     let bad = |error: &dyn std::fmt::Display| AppError::BadInput(format!("error: {error}"));
     let mut sequence = Sequence::open(&args.sequence).map_err(|error| bad(&error))?;
     let mut rows: Vec<TrackedImage> = Vec::with_capacity(sequence.image_count());
-    let mut tracker = None;
+    let mut tracker = Begun::new(args)?;
     while let Some(image) = sequence.next_image().map_err(|error| bad(&error))? {
         let start = Instant::now();
-        let estimate = match &mut tracker {
-            None => begin(args, &image, &mut tracker)?,
-            Some(tracker) => tracker.track(&image, &Context::default()),
-        };
+        let estimate = tracker.track(args, &image)?;
         rows.push(TrackedImage { estimate, time_us: start.elapsed().as_secs_f64() * 1e6 });
     }
     Ok(rows)
 }
 
-fn begin(args: &TrackRecorded, image: &Image, tracker: &mut Option<Tracker>) -> Result<Estimate, AppError> {
-    let made = Tracker::new(args.settings(), image, args.init).map_err(|error| {
-        let [u, v] = args.init;
-        AppError::BadInput(format!(
-            "error: {}: --init {u},{v} in an image of {} × {} px: {error}",
-            args.sequence.display(),
-            image.width_px,
-            image.height_px
-        ))
-    })?;
-    let estimate = made.last_estimate();
-    *tracker = Some(made);
-    Ok(estimate)
+/// What follows the tip, or looks for it still.
+enum Begun {
+    Clicked(Px),
+    Searching(Box<Localizer>),
+    Template(Box<Tracker>),
+    Baseline(Box<BaselineTracker>),
+}
+
+impl Begun {
+    fn new(args: &TrackRecorded) -> Result<Self, AppError> {
+        match (args.tracker, args.init) {
+            (TrackerArg::Baseline, Init::Localize) => {
+                Ok(Self::Baseline(Box::new(BaselineTracker::new(Insertion::default()))))
+            }
+            (TrackerArg::Baseline, Init::At(_)) => Err(AppError::BadInput(
+                "error: --tracker baseline finds the tip by itself: it goes with --init localize".to_owned(),
+            )),
+            (TrackerArg::Template, Init::At(at)) => Ok(Self::Clicked(at)),
+            (TrackerArg::Template, Init::Localize) => {
+                Ok(Self::Searching(Box::new(Localizer::new(Insertion::default()))))
+            }
+        }
+    }
+
+    fn track(&mut self, args: &TrackRecorded, image: &Image) -> Result<Estimate, AppError> {
+        match self {
+            Self::Template(tracker) => Ok(tracker.track(image, &Context::default())),
+            Self::Baseline(tracker) => Ok(tracker.track(image)),
+            Self::Clicked([u, v]) => {
+                let made = Tracker::new(args.settings(), image, [*u, *v]).map_err(|error| {
+                    AppError::BadInput(format!(
+                        "error: {}: --init {u},{v} in an image of {} × {} px: {error}",
+                        args.sequence.display(),
+                        image.width_px,
+                        image.height_px
+                    ))
+                })?;
+                Ok(self.begin(made))
+            }
+            Self::Searching(localizer) => {
+                let found =
+                    localizer.localize(image).map(|needle| snap_to_peak(image, needle.tip_px, SNAP_PX));
+                // A tip that no template fits around is one to look for again.
+                let made = found.and_then(|tip_px| Tracker::new(args.settings(), image, tip_px).ok());
+                let nothing = Estimate::bare(TrackState::Searching, Reason::NoCandidate, None);
+                Ok(made.map_or(nothing, |made| self.begin(made)))
+            }
+        }
+    }
+
+    fn begin(&mut self, made: Tracker) -> Estimate {
+        let estimate = made.last_estimate();
+        *self = Self::Template(Box::new(made));
+        estimate
+    }
 }
 
 fn write_table(folder: &Path, rows: &[TrackedImage]) -> std::io::Result<()> {
@@ -327,6 +395,43 @@ mod tests {
             }
         }
         assert_eq!(fs::read_dir(&out).unwrap().count(), 1, "no temporary file is left");
+    }
+
+    #[test]
+    fn a_needle_is_found_without_a_click() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("needle.mha");
+        let mut writer = SequenceWriter::create(&path, [320, 240], 0.1).unwrap();
+        // Three images without a needle, then one that comes in from the top left, bright at its tip.
+        for k in 0..20u32 {
+            let tip = [120.0 + 2.0 * f64::from(k), 80.0 + f64::from(k)];
+            let level = |u: u32, v: u32| {
+                let (x, y) = (f64::from(u) - tip[0], f64::from(v) - tip[1]);
+                let (along, across) = (0.894 * x + 0.447 * y, 0.894 * y - 0.447 * x);
+                let shaft = if along < 0.0 { 90.0 * (-across * across / 5.0).exp() } else { 0.0 };
+                let bead = 120.0 * (-(along + 2.0).powi(2) / 18.0 - across * across / 10.0).exp();
+                let ground = 40.0 + 12.0 * (f64::from(u) * 0.31).sin() * (f64::from(v) * 0.27).cos();
+                (ground + if k < 3 { 0.0 } else { shaft + bead }).min(255.0) as u8
+            };
+            let pixels = (0..240).flat_map(|v| (0..320).map(move |u| level(u, v))).collect();
+            writer
+                .push(&Image::from_pixels(320, 240, pixels).unwrap(), 0.04 * f64::from(k), &[], &[])
+                .unwrap();
+        }
+        writer.finish().unwrap();
+        for tracker in ["template", "baseline"] {
+            let rows = track(&args(&path, &["--init", "localize", "--tracker", tracker])).unwrap();
+            let state = |k: usize| rows[k].estimate.state;
+            assert!((0..3).all(|k| state(k) == TrackState::Searching), "{tracker}");
+            for k in 3..20 {
+                let [u, v] = rows[k].estimate.tip_px.unwrap();
+                assert_eq!(state(k), TrackState::Tracking, "{tracker}, image {k}");
+                let off = (u - 120.0 - 2.0 * k as f64).hypot(v - 80.0 - k as f64);
+                assert!(off < 6.0, "{tracker}, image {k}: {off} px off");
+            }
+        }
+        let error = run(&args(&path, &["--init", "40,50", "--tracker", "baseline"])).unwrap_err();
+        assert!(error.to_string().contains("--init localize"), "{error}");
     }
 
     #[test]
