@@ -40,6 +40,14 @@ pub struct Effects {
     pub needle_shadow: bool,
     /// Strong echoes of the needle are seen beside it.
     pub side_lobes: bool,
+    /// Scatterers of the materials echo. Surfaces and the needle stay.
+    pub speckle: bool,
+    /// The needle's wall is a mirror, apart from its roughness.
+    pub specular: bool,
+    /// Elements without contact are blind and ring.
+    pub contact: bool,
+    /// Electronic noise.
+    pub noise: bool,
 }
 
 impl Default for Effects {
@@ -52,6 +60,10 @@ impl Default for Effects {
             reverberation: true,
             needle_shadow: true,
             side_lobes: true,
+            speckle: true,
+            specular: true,
+            contact: true,
+            noise: true,
         }
     }
 }

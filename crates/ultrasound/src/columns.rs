@@ -105,6 +105,7 @@ pub struct Columns {
     lattice: Lattice,
     media: Vec<Medium>,
     draws_boundaries: bool,
+    draws_speckle: bool,
     reverberates: bool,
     stretches: Vec<Stretch>,
     stretches_of: Table,
@@ -146,6 +147,7 @@ impl Columns {
             lattice,
             media,
             draws_boundaries: effects.boundaries,
+            draws_speckle: effects.speckle,
             reverberates: effects.reverberation,
             stretches: Vec::new(),
             stretches_of: Table::new(half),
@@ -258,14 +260,16 @@ impl Columns {
                 reflection: (impedance - above.impedance) / (impedance + above.impedance),
                 thickness_m: (segment.top_z_m - segment.bottom_z_m) * (1.0 + f64::from(delay)),
             });
-            let mut stretch = Stretch { start, end, amplitude, loss_np_m, entry_loss_np: 0.0, delay };
+            let scattered = if self.draws_speckle { amplitude } else { 0.0 };
+            let mut stretch =
+                Stretch { start, end, amplitude: scattered, loss_np_m, entry_loss_np: 0.0, delay };
             if let (Some(boundary), Some((_, above))) = (boundary, above) {
                 let reflected = boundary.reflection.abs() * amplitude_from_db(PLANE_LEVEL_DB);
                 let rough = (reflected * amplitude_from_db(ROUGH_SHARE_DB)) as f32;
                 let beside = amplitude.max(above.amplitude);
                 if start < end && rough * rough > ROUGH_FLOOR.max(ROUGH_OVER_SPECKLE * beside * beside) {
                     // The surface is one layer of stronger scatterers.
-                    let surface = (rough * rough + amplitude * amplitude).sqrt();
+                    let surface = (rough * rough + scattered * scattered).sqrt();
                     let entry_loss_np = boundary.entry_loss_np() as f32;
                     self.stretches.push(Stretch {
                         end: start + 1,

@@ -103,7 +103,9 @@ pub fn field(
         let offset = lattice.tape_offset(ix, iy);
         for segment in &segments {
             let material = &tissue.materials()[usize::from(segment.material)];
-            let Some(backscatter_db) = material.backscatter_db else { continue };
+            let Some(backscatter_db) = material.backscatter_db.filter(|_| probe.effects.speckle) else {
+                continue;
+            };
             let strength = lattice.amplitude() * amplitude_from_db(backscatter_db);
             let mut n = 0u32;
             loop {
