@@ -18,7 +18,7 @@ pub enum Precision {
     /// Within 5 % RMS of the complex field.
     #[default]
     Usual,
-    /// Within 2 %, in two to three times the time. In pictures deeper than 70 mm the array's ends are farther off, as much
+    /// Within 2 %, in about twice the time (`benches/README.md`). In pictures deeper than 70 mm the array's ends are farther off, as much
     /// as brings the whole of one of 120 mm to 2.3 %: there four columns share a beam width.
     Fine,
 }
