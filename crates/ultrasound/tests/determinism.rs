@@ -2,9 +2,11 @@
 
 mod common;
 
-use common::{gel, needle, needle_in_probe, pose, probe, slice, water};
+use common::{gel, material, needle, needle_in_probe, pose, probe, slice, water};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
-use sonoloop_types::{Image, Indentation, NeedlePath, Pose, Precision, ProbeSpec, Slice, Vector};
+use sonoloop_types::{
+    Image, ImageGeometry, Indentation, NeedlePath, Pose, Precision, ProbeSpec, Slice, Tissue, Vector,
+};
 use sonoloop_ultrasound::{Instructions, Renderer};
 
 fn render(renderer: &mut Renderer, slice: &Slice) -> Vec<u8> {
@@ -168,6 +170,26 @@ fn no_pose_is_too_odd() {
         assert_eq!(bytes.len(), 640 * 480);
         let field = renderer.field(&slice(pose));
         assert!(field.values.iter().flatten().all(|v| v.is_finite()), "{pose:?}");
+    }
+}
+
+#[test]
+fn no_phantom_is_too_wide_for_its_lattice() {
+    // The closest columns that a probe's file makes, 16 µm, and the widest phantom, 1 m.
+    let probe = ProbeSpec {
+        centre_frequency_hz: 25e6,
+        f_number: 0.5,
+        assumed_sound_speed_m_s: 1300.0,
+        elements: 16,
+        geometry: ImageGeometry { height_px: 40, ..probe().geometry },
+        ..probe()
+    };
+    let tissue = Tissue::homogeneous([1.0, 1.0, 0.01], material(Some(0.0), 0.5));
+    let mut renderer = Renderer::new(probe, needle(), tissue, 1);
+    for (x_mm, y_mm) in [(0.0, 0.0), (490.0, 490.0), (-490.0, -490.0)] {
+        let field = renderer.field(&slice(pose(x_mm, y_mm, 0.0, 0.0, 0.0, 0.0)));
+        let power = field.values.iter().flatten().map(|v| v * v).sum::<f32>() / field.values.len() as f32;
+        assert!((power - 1.0).abs() < 0.3, "power {power} at {x_mm} mm");
     }
 }
 
