@@ -85,7 +85,7 @@ pub fn field(
     let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
     let mut paths = Paths::new(&beam, probe, frame.plane());
     let mut columns = Columns::new(tissue.clone(), lattice, probe);
-    let half = [0, 1].map(|axis| (tissue.size_m()[axis] / 2.0 / lattice.row_spacing_m).ceil() as i32 + 1);
+    let half = columns.half();
     let places = || (-half[1]..half[1]).flat_map(|iy| (-half[0]..half[0]).map(move |ix| [ix, iy]));
     places().for_each(|[ix, iy]| columns.learn(ix, iy));
     let indentation = slice.indentation.filter(Indentation::is_sound);
