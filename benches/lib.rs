@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use sonoloop_types::{
-    Image, Indentation, NeedlePath, NeedleSpec, Point, Pose, ProbeSpec, Slice, Tissue, Vector,
+    Image, Indentation, NeedlePath, NeedleSpec, Point, Pose, Precision, ProbeSpec, Slice, Tissue, Vector,
 };
 use sonoloop_ultrasound::Renderer;
 
@@ -38,9 +38,10 @@ impl Scene {
     ///
     /// # Panics
     /// When the repository's own files do not load.
-    pub fn new(needle_angle_deg: Option<f64>) -> Self {
+    pub fn new(needle_angle_deg: Option<f64>, precision: Precision) -> Self {
         let probe: ProbeSpec =
             sonoloop_scenario::load_probe(&file("robots/probes/l12_3v.yaml")).expect("probe");
+        let probe = ProbeSpec { precision, ..probe };
         let needle: NeedleSpec =
             sonoloop_scenario::load_needle(&file("robots/needles/22g_150mm.yaml")).expect("needle");
         let phantom = file("phantoms/gelatin_agar_heterogeneous.yaml");

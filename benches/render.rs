@@ -3,6 +3,7 @@
 use divan::Bencher;
 use rayon::ThreadPoolBuilder;
 use sonoloop_benches::{Scene, pose};
+use sonoloop_types::Precision;
 
 fn main() {
     divan::main();
@@ -20,10 +21,10 @@ fn poses() -> impl Iterator<Item = &'static str> {
     POSES.iter().map(|(name, _)| *name)
 }
 
-fn move_probe(bencher: Bencher, threads: usize, name: &str, tilt_step_deg: f64) {
+fn move_probe(bencher: Bencher, threads: usize, name: &str, tilt_step_deg: f64, precision: Precision) {
     let [yaw, out_of_plane, in_plane] = POSES.iter().find(|(n, _)| *n == name).expect("a pose").1;
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    let mut scene = Scene::new(Some(40.0));
+    let mut scene = Scene::new(Some(40.0), precision);
     let mut step = 0;
     bencher.bench_local(|| {
         step += 1;
@@ -36,20 +37,26 @@ fn move_probe(bencher: Bencher, threads: usize, name: &str, tilt_step_deg: f64) 
 /// Every image from another place and tilt: nothing can be used again.
 #[divan::bench(args = poses(), consts = [1, 2], sample_count = 60)]
 fn tilting<const THREADS: usize>(bencher: Bencher, name: &str) {
-    move_probe(bencher, THREADS, name, 0.01);
+    move_probe(bencher, THREADS, name, 0.01, Precision::Usual);
 }
 
 /// The probe slides over the phantom without tilting, as an arm moves it that follows a needle.
 #[divan::bench(args = poses(), consts = [1, 2], sample_count = 60)]
 fn sliding<const THREADS: usize>(bencher: Bencher, name: &str) {
-    move_probe(bencher, THREADS, name, 0.0);
+    move_probe(bencher, THREADS, name, 0.0, Precision::Usual);
+}
+
+/// [`tilting`] in the fine mode.
+#[divan::bench(args = poses(), consts = [1, 2], sample_count = 60)]
+fn fine<const THREADS: usize>(bencher: Bencher, name: &str) {
+    move_probe(bencher, THREADS, name, 0.01, Precision::Fine);
 }
 
 /// The probe presses by 2 mm and slides: every scatterer by itself.
 #[divan::bench(consts = [1, 2], sample_count = 60)]
 fn pressed<const THREADS: usize>(bencher: Bencher) {
     let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("threads");
-    let mut scene = Scene::new(Some(40.0));
+    let mut scene = Scene::new(Some(40.0), Precision::Usual);
     scene.press_m = 2e-3;
     let mut step = 0;
     bencher.bench_local(|| {
@@ -64,6 +71,6 @@ fn pressed<const THREADS: usize>(bencher: Bencher) {
 #[divan::bench(consts = [1, 2], sample_count = 60)]
 fn at_rest<const THREADS: usize>(bencher: Bencher) {
     let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("threads");
-    let mut scene = Scene::new(Some(40.0));
+    let mut scene = Scene::new(Some(40.0), Precision::Usual);
     bencher.bench_local(|| pool.install(|| scene.render(pose([0.0, 0.0], 0.0, [0.0, 0.0])).pixels[0]));
 }

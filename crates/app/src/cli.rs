@@ -157,7 +157,7 @@ pub struct RenderArgs {
     pub phantom: Option<PathBuf>,
     /// Write an atlas into this folder instead: every phantom, needle angles and offsets, contact, settings, index.html
     #[arg(long, value_name = "DIR", conflicts_with_all = ["x_mm", "y_mm", "yaw_deg", "tilt_deg", "needle_angle_deg",
-        "tip_depth_mm", "offset_mm", "transverse", "out"])]
+        "tip_depth_mm", "offset_mm", "transverse", "gain_db", "out"])]
     pub gallery: Option<PathBuf>,
     /// Probe file
     #[arg(long, default_value = "robots/probes/l12_3v.yaml")]
@@ -193,6 +193,9 @@ pub struct RenderArgs {
     /// Let the needle cross the plane instead of lying in it
     #[arg(long)]
     pub transverse: bool,
+    /// Gain on top of the probe's own
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub gain_db: f64,
     /// Seed of the speckle
     #[arg(long, default_value_t = 0)]
     pub seed: u64,

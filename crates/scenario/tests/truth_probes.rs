@@ -3,7 +3,7 @@
 
 mod common;
 
-use sonoloop_scenario::load_probe;
+use sonoloop_scenario::{load_probe, load_probe_with};
 
 fn check(file: &str) {
     let path = common::root().join("robots/probes").join(file);
@@ -42,4 +42,15 @@ fn truth_l11_5v_has_pymusts_widths() {
 #[test]
 fn truth_l12_3v_has_pymusts_widths() {
     check("l12_3v.yaml");
+}
+
+#[test]
+fn truth_the_picture_is_as_deep_as_asked_for() {
+    let path = common::root().join("robots/probes/l12_3v.yaml");
+    for depth_mm in [30.0, 48.0, 80.0] {
+        let probe = load_probe_with(&path, &[format!("depth_mm={depth_mm}")]);
+        let geometry = probe.unwrap_or_else(|error| panic!("{}", error.render())).geometry;
+        let bottom_mm = f64::from(geometry.height_px) * geometry.spacing_m * 1e3;
+        assert!((bottom_mm - depth_mm).abs() < 1e-9, "{bottom_mm} mm for {depth_mm}");
+    }
 }

@@ -2,6 +2,11 @@ use crate::{Point, Vector};
 
 /// Depth over which a layer of any thickness gives way. [assumed] About half the length of a linear array.
 const DECAY_M: f64 = 20e-3;
+/// Share of the depth at which layers would fold over one another that a press may have: what is left of the
+/// uppermost tissue is a tenth of its thickness. [assumed]
+const MOST_OF_FOLD: f64 = 0.9;
+/// No face and no phantom is larger.
+const LARGEST_M: f64 = 1.0;
 /// How soon the tissue beside the face is at rest. [assumed]
 const EDGE_M: f64 = 5e-3;
 
@@ -28,6 +33,23 @@ pub struct Indentation {
 }
 
 impl Indentation {
+    /// True when it is a press that tissue can follow: all numbers finite, sizes and thickness positive and at most 1 m,
+    /// the depth not negative and below 0.9·L·tanh(thickness/L). At L·tanh(thickness/L), 20 mm in a thick phantom, the
+    /// uppermost layers would pass through one another: −df/dζ at the top is its inverse.
+    pub fn is_sound(&self) -> bool {
+        let is_size = |v: f64| v > 0.0 && v <= LARGEST_M;
+        [self.x_m, self.y_m, self.yaw_rad].iter().all(|v| v.is_finite())
+            && self.half_size_m.into_iter().all(is_size)
+            && is_size(self.thickness_m)
+            && (0.0..MOST_OF_FOLD * DECAY_M * libm::tanh(self.thickness_m / DECAY_M)).contains(&self.depth_m)
+    }
+
+    /// The most that any tissue goes sideways: ∫Y dy ends at half the face's width, and the slope is steepest at the top.
+    pub fn most_sideways_m(&self) -> f64 {
+        let [_, slope] = self.by_depth(0.0);
+        self.depth_m.abs() * self.half_size_m[1] * slope
+    }
+
     /// f and −df/dζ at a depth ζ below the resting top face.
     pub fn by_depth(&self, depth_m: f64) -> [f64; 2] {
         let [left, whole] = [self.thickness_m - depth_m, self.thickness_m].map(|v| v.max(0.0) / DECAY_M);
@@ -104,6 +126,31 @@ mod tests {
                 + (at(0.0, step, 0.0) - at(0.0, -step, 0.0)).y
                 + (at(0.0, 0.0, step) - at(0.0, 0.0, -step)).z;
             assert!((divergence / (2.0 * step)).abs() < 1e-6, "{divergence}");
+        }
+    }
+
+    #[test]
+    fn truth_a_sound_press_keeps_layers_in_order_and_goes_no_farther_aside_than_told() {
+        for thickness_m in [5e-3, 20e-3, 60e-3] {
+            let fold_m = DECAY_M * (thickness_m / DECAY_M).tanh();
+            let pressed = |share: f64| Indentation {
+                depth_m: share * fold_m,
+                half_size_m: [0.2, 0.1],
+                thickness_m,
+                ..PRESSED
+            };
+            let depths = || (0..=1000).map(|i| thickness_m * f64::from(i) / 1000.0);
+            let in_order = |pressed: &Indentation| {
+                let now = |d: f64| d - pressed.displacement_m(Point::new(2e-3, -1e-3, -d)).z;
+                depths().zip(depths().skip(1)).all(|(above, below)| now(above) < now(below))
+            };
+            assert!(pressed(0.899).is_sound() && in_order(&pressed(0.899)), "{thickness_m} m");
+            assert!(!pressed(0.901).is_sound() && !in_order(&pressed(1.01)), "{thickness_m} m");
+            let pressed = pressed(0.8);
+            let sideways = |y: f64| pressed.displacement_m(Point::new(0.0, y, 0.0)).xy().norm();
+            let most_m = (0..400).map(|i| sideways(f64::from(i) * 1e-3)).fold(0.0, f64::max);
+            // Reached beside the face, where Y has fallen to nothing.
+            assert!((most_m / pressed.most_sideways_m() - 1.0).abs() < 1e-6, "{most_m}");
         }
     }
 

@@ -152,7 +152,7 @@ fn window_m(lattice: &Lattice) -> f64 {
 
 /// How far from the plane columns may stand whose facets are drawn: moved ones come from farther away.
 fn reach_m(lattice: &Lattice, motion: Option<&Motion>) -> f64 {
-    WINDOW_REACH * window_m(lattice) + motion.map_or(0.0, Motion::depth_m)
+    WINDOW_REACH * window_m(lattice) + motion.map_or(0.0, Motion::reach_m)
 }
 
 /// Range of e′ of those columns.

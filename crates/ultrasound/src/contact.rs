@@ -21,6 +21,7 @@ const FILM_M: f64 = 0.5e-3;
 
 /// Contact of the elements in one picture.
 pub struct Contact {
+    enabled: bool,
     elements: usize,
     pitch_m: f64,
     /// Share of the near aperture that is blind, per displayed column, times the strength of its elements' ringing; by how
@@ -52,6 +53,7 @@ fn smooth_noise(seed: u64, place: f64) -> f32 {
 impl Contact {
     pub fn new(probe: &ProbeSpec) -> Self {
         Self {
+            enabled: probe.effects.contact,
             elements: probe.elements as usize,
             pitch_m: probe.pitch_m,
             blind: Vec::new(),
@@ -64,7 +66,7 @@ impl Contact {
 
     pub fn set(&mut self, element_gap_m: &[f32], plane: &Plane, beam: &Beam) {
         let coupled = |i: usize| element_gap_m.get(i).is_none_or(|&gap| gap <= AIR_GAP_M);
-        self.any_blind = (0..self.elements).any(|i| !coupled(i));
+        self.any_blind = self.enabled && (0..self.elements).any(|i| !coupled(i));
         for (by_column, value) in [
             (&mut self.blind, 0.0),
             (&mut self.ringing_shift_m, 0.0),

@@ -53,7 +53,11 @@ impl Display {
         Self {
             seed: mix(seed ^ 0x6e6f_6973_6500_0000),
             noise: [0, 1].map(|part| noise.iter().map(|v| v[part]).collect()),
-            noise_amplitude: amplitude_from_db(probe.noise_level_db) as f32,
+            noise_amplitude: if probe.effects.noise {
+                amplitude_from_db(probe.noise_level_db) as f32
+            } else {
+                0.0
+            },
             tgc_np_m: 100.0 * probe.tgc_db_cm_mhz * probe.centre_frequency_hz * 1e-6 * NEPER_PER_DB,
             spread: if probe.effects.downshift { beam.relative_spread_squared() } else { 0.0 },
             sliders_db: probe.tgc_sliders_db.clone(),

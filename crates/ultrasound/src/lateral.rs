@@ -97,9 +97,10 @@ wide! {
                 (4.., 1) => convolve::<{ 4 * BLOCK }, 1>(source, taps, out),
                 (2.., 1) => convolve::<{ 2 * BLOCK }, 1>(source, taps, out),
                 (_, 1) => convolve::<BLOCK, 1>(source, taps, out),
-                (4.., _) => convolve::<{ 4 * BLOCK }, 2>(source, taps, out),
-                (2.., _) => convolve::<{ 2 * BLOCK }, 2>(source, taps, out),
-                _ => convolve::<BLOCK, 2>(source, taps, out),
+                (4.., 2) => convolve::<{ 4 * BLOCK }, 2>(source, taps, out),
+                (2.., 2) => convolve::<{ 2 * BLOCK }, 2>(source, taps, out),
+                (_, 2) => convolve::<BLOCK, 2>(source, taps, out),
+                _ => convolve_apart(*per_px, source, taps, out),
             };
         }
     }
@@ -138,6 +139,22 @@ fn convolve<const N: usize, const S: usize>(
     out_re[..N].copy_from_slice(&sum_re);
     out_im[..N].copy_from_slice(&sum_im);
     N / BLOCK
+}
+
+/// [`convolve`] of one block for any distance of the columns, without the wide loads of the two usual ones.
+fn convolve_apart(
+    per_px: usize,
+    [re, im]: [&[f32]; 2],
+    taps: &[f32],
+    [out_re, out_im]: [&mut [f32]; 2],
+) -> usize {
+    for (part, out) in [(re, out_re), (im, out_im)] {
+        for (column, out) in out[..BLOCK].iter_mut().enumerate() {
+            let lines = &part[per_px * column..][..taps.len()];
+            *out = lines.iter().zip(taps).map(|(line, tap)| tap * line).sum();
+        }
+    }
+    1
 }
 
 /// Taps reach at least `least_reach` σ.

@@ -21,6 +21,7 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// Of a press that is sound.
     pub fn new(indentation: &Indentation) -> Self {
         let [half_length_m, half_width_m] = indentation.half_size_m;
         let places = |reach_m: f64| (0..(reach_m * STEPS_PER_M) as usize + 3).map(|i| i as f64 * STEP_M);
@@ -45,9 +46,15 @@ impl Motion {
         self.sin_cos = libm::sincos(indentation.yaw_rad);
     }
 
-    /// How far the face is pressed down.
-    pub fn depth_m(&self) -> f64 {
-        self.indentation.depth_m.abs()
+    /// The most that tissue goes sideways. The column that it belongs to may stand twice as far off: seen along columns
+    /// that lean by up to 60° a metre of the phantom's horizontal is up to two of the picture's plane.
+    pub fn aside_m(&self) -> f64 {
+        self.indentation.most_sideways_m()
+    }
+
+    /// The most that tissue goes anywhere.
+    pub fn reach_m(&self) -> f64 {
+        self.indentation.depth_m + 2.0 * self.aside_m()
     }
 
     /// [`Indentation::sideways`].

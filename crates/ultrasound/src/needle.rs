@@ -86,6 +86,7 @@ pub struct NeedleEchoes {
     spec: NeedleSpec,
     reverberates: bool,
     side_lobes: bool,
+    specular: bool,
     step_m: f64,
     seed: u64,
     /// cos and sin of the sectors' directions.
@@ -148,6 +149,7 @@ impl NeedleEchoes {
             spec: spec.clone(),
             reverberates: probe.effects.reverberation,
             side_lobes: probe.effects.side_lobes,
+            specular: probe.effects.specular,
             step_m: beam.wavelength_m() / 8.0,
             seed: mix(seed ^ 0x6e65_6564_6c65_0000),
             around,
@@ -256,7 +258,7 @@ impl NeedleEchoes {
         let sum = specular * libm::exp(-0.5 * turn * turn / q);
         let floor = (COHERENT_SHARE * rough).max(COHERENT_FLOOR);
         let coherent_echoes = (0..=COHERENT_REVERBERATIONS)
-            .take_while(|&bounce| sum * REVERBERATION_GAIN.powi(bounce as i32) > floor)
+            .take_while(|&bounce| self.specular && sum * REVERBERATION_GAIN.powi(bounce as i32) > floor)
             .count();
         // Stated at normal incidence: the line's sum over the lateral beam, √(2π)·σ_l, is the level.
         let coherent_step = specular * self.step_m / (core::f64::consts::TAU.sqrt() * beam.sigma_lateral_m);

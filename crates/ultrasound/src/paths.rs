@@ -278,7 +278,7 @@ impl Paths {
         (above, &rest[..columns], below as f32 / DOWN as f32)
     }
 
-    /// Displayed minus true depth at knots `first, first + 2, …` across, for a display row; 8 pixels apart.
+    /// Displayed minus true depth at every second knot across from the second one on, for a display row; 8 pixels apart.
     pub fn delays_of_row(&self, row: usize, out: &mut [f32]) {
         let across = self.plane.knots_across();
         let (knot, below) = (row / DOWN, row % DOWN);

@@ -64,7 +64,7 @@ pub struct Points {
 
 /// Range of e′ at rest that meets the slice.
 pub fn elevations_m(elevation: &ElevationTable, motion: Option<&Motion>) -> [f64; 2] {
-    let margin_m = motion.map_or(0.0, Motion::depth_m);
+    let margin_m = motion.map_or(0.0, Motion::reach_m);
     let [low_m, high_m] = elevation.range_m();
     [low_m - margin_m, high_m + margin_m]
 }
@@ -195,6 +195,10 @@ wide! {
                 }
                 if ends[0].row > rows + DELAY_REACH as f64 - 1.0 {
                     return;
+                }
+                // A face wider than any probe's tears the tissue apart under a tilt; margins hold a window.
+                if (ends[1].row - ends[0].row).abs() > WINDOW as f64 {
+                    continue;
                 }
                 let (above, below) = (elevation.profile(ends[0].row), elevation.profile(ends[1].row));
                 let reach_m = above.reach_m.max(below.reach_m);

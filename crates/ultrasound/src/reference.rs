@@ -3,7 +3,7 @@
 //! It shares with the fast renderer what defines the scene (beam widths, lattice, tape, needle echoes) and
 //! nothing of how the sum is done. Seconds per picture; for tests.
 
-use sonoloop_types::{NeedleSpec, Point, ProbeSpec, Slice, Tissue, Vector};
+use sonoloop_types::{Indentation, NeedleSpec, Point, ProbeSpec, Slice, Tissue, Vector};
 
 use crate::{
     beam::{Beam, amplitude_from_db, unit_energy_peak},
@@ -98,10 +98,11 @@ pub fn field(
     let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
     let mut paths = Paths::new(&beam, probe, frame.plane());
     let mut columns = Columns::new(tissue.clone(), lattice, probe);
-    let half = [0, 1].map(|axis| (tissue.size_m()[axis] / 2.0 / lattice.row_spacing_m).ceil() as i32 + 1);
+    let half = columns.half();
     let places = || (-half[1]..half[1]).flat_map(|iy| (-half[0]..half[0]).map(move |ix| [ix, iy]));
     places().for_each(|[ix, iy]| columns.learn(ix, iy));
-    let motion = slice.indentation.as_ref().map(Motion::new);
+    let indentation = slice.indentation.filter(Indentation::is_sound);
+    let motion = indentation.as_ref().map(Motion::new);
     paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());
     paths.build(&beam, slice, &Shaft::new(needle));
     let mut canvas =
@@ -115,7 +116,9 @@ pub fn field(
         let offset = lattice.tape_offset(ix, iy);
         for segment in &segments {
             let material = &tissue.materials()[usize::from(segment.material)];
-            let Some(backscatter_db) = material.backscatter_db else { continue };
+            let Some(backscatter_db) = material.backscatter_db.filter(|_| probe.effects.speckle) else {
+                continue;
+            };
             let strength = lattice.amplitude() * amplitude_from_db(backscatter_db);
             let mut n = 0u32;
             loop {
@@ -129,7 +132,7 @@ pub fn field(
                     continue;
                 }
                 let rest = Point::new(x_m, y_m, z_m);
-                let moved_m = slice.indentation.map_or(Vector::zeros(), |i| i.displacement_m(rest));
+                let moved_m = indentation.map_or(Vector::zeros(), |i| i.displacement_m(rest));
                 let p = probe_from_phantom * (rest + moved_m);
                 if p.z < 0.0 || p.z > frame.deepest_m() + REACH * beam.sigma_axial_m {
                     continue;

@@ -268,24 +268,25 @@ impl Renderer {
         let rows = self.frame.rows();
         let line_pitch_m = spacing_m / self.beam.grain.lines_per_px as f64;
         let margin_m = (self.lateral.radius + 2) as f64 * line_pitch_m;
-        let shear = Shear::new(
-            &slice.phantom_from_probe,
-            &self.beam,
-            &self.lattice,
-            &geometry,
-            -first_x_m,
-            margin_m,
-            self.columns.half(),
-        );
         let instructions = self.instructions;
         let Self { beam, lattice, tape, elevation, columns: tissue, motion, .. } = self;
-        let (beam, lattice, shear) = (&*beam, &*lattice, shear.as_ref());
-        match (&slice.indentation, &mut *motion) {
+        let (beam, lattice) = (&*beam, &*lattice);
+        match (slice.indentation.filter(Indentation::is_sound), &mut *motion) {
             (None, _) => *motion = None,
-            (Some(indentation), Some(motion)) => motion.set(indentation),
-            (Some(indentation), None) => *motion = Some(Motion::new(indentation)),
+            (Some(indentation), Some(motion)) => motion.set(&indentation),
+            (Some(indentation), None) => *motion = Some(Motion::new(&indentation)),
         }
         let motion = motion.as_ref();
+        let shear = Shear::new(
+            &slice.phantom_from_probe,
+            beam,
+            lattice,
+            &geometry,
+            -first_x_m + margin_m,
+            motion.map_or(0.0, Motion::aside_m),
+            tissue.half(),
+        );
+        let shear = shear.as_ref();
         if let Some(shear) = shear {
             elevation.build(instructions, beam, shear, lattice.amplitude());
             tape.bake(instructions, beam, shear.row_step_m, shear.lateral_slope, shear.rows);

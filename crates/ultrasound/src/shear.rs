@@ -51,6 +51,8 @@ pub struct Shear {
     pub lines: usize,
     /// |x| beyond which a scatterer reaches no displayed line.
     pub reach_m: f64,
+    /// How far the lines' ends may lie from the column that their tissue belongs to, see [`crate::motion::Motion::aside_m`].
+    beside_m: f64,
     /// x′ of a column.
     pub x: Affine,
     /// e′ of a column.
@@ -62,15 +64,16 @@ pub struct Shear {
 }
 
 impl Shear {
-    /// `None` when the pose shows no tissue: not finite, or tilted beyond 60°. `lateral_margin_m` is the reach
-    /// of the lateral filter, `half_width_m` half the displayed width, `half` the range of column indices.
+    /// `None` when the pose shows no tissue: not finite, or tilted beyond 60°. `reach_m` is half the displayed width and
+    /// the reach of the lateral filter, `aside_m` how far sideways tissue may have come from, `half` the range of column
+    /// indices.
     pub fn new(
         phantom_from_probe: &Pose,
         beam: &Beam,
         lattice: &Lattice,
         geometry: &ImageGeometry,
-        half_width_m: f64,
-        lateral_margin_m: f64,
+        reach_m: f64,
+        aside_m: f64,
         half: [i32; 2],
     ) -> Option<Self> {
         let probe_from_phantom = phantom_from_probe.inverse();
@@ -88,7 +91,6 @@ impl Shear {
         let deepest_m = f64::from(geometry.height_px.saturating_sub(1)) * geometry.spacing_m
             + PROFILE_REACH * beam.sigma_axial_m;
         let rows = ((deepest_m / row_step_m) as usize + 1).next_multiple_of(STRIDE);
-        let reach_m = half_width_m + lateral_margin_m;
         let line_pitch_m = geometry.spacing_m / beam.grain.lines_per_px as f64;
         let first_line_m = -reach_m - (t * deepest_m).max(0.0) - line_pitch_m;
         let last_line_m = reach_m - (t * deepest_m).min(0.0) + line_pitch_m;
@@ -111,7 +113,7 @@ impl Shear {
             let z_m = if corner & 4 == 0 { 0.0 } else { deepest_m };
             let point = phantom_from_probe * Point::new(sign(1) * reach_m, sign(2) * elevation_m, z_m);
             for (bound, value) in bounds.iter_mut().zip([point.x, point.y]) {
-                *bound = [bound[0].min(value), bound[1].max(value)];
+                *bound = [bound[0].min(value - aside_m), bound[1].max(value + aside_m)];
             }
         }
         let columns = [0, 1].map(|axis| {
@@ -129,6 +131,7 @@ impl Shear {
             first_line_m,
             lines: ((last_line_m - first_line_m) / line_pitch_m) as usize + 2,
             reach_m,
+            beside_m: 2.0 * aside_m,
             x: affine(&|p| p.x - t * p.z),
             e: affine(&|p| p.y - s * p.z),
             top_row: affine(&|p| p.z / row_step_m),
@@ -139,7 +142,8 @@ impl Shear {
     /// Columns of lattice row iy that can meet the picture's width and a range of e′.
     pub fn overlap(&self, elevations_m: [f64; 2], iy: i32) -> core::ops::Range<i32> {
         let mut range = self.columns[0].map(f64::from);
-        let lines_m = [self.first_line_m, self.first_line_m + self.line_pitch_m * self.lines as f64];
+        let last_line_m = self.first_line_m + self.line_pitch_m * self.lines as f64;
+        let lines_m = [self.first_line_m - self.beside_m, last_line_m + self.beside_m];
         for (value, [low, high]) in [(self.e, elevations_m), (self.x, lines_m)] {
             if value.per_ix.abs() < 1e-9 {
                 continue;

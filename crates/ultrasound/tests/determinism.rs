@@ -2,9 +2,11 @@
 
 mod common;
 
-use common::{gel, needle, needle_in_probe, pose, probe, slice, water};
+use common::{gel, material, needle, needle_in_probe, pose, probe, slice, water};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
-use sonoloop_types::{Image, Indentation, NeedlePath, Pose, Precision, ProbeSpec, Slice, Vector};
+use sonoloop_types::{
+    Image, ImageGeometry, Indentation, NeedlePath, Pose, Precision, ProbeSpec, Slice, Tissue, Vector,
+};
 use sonoloop_ultrasound::{Instructions, Renderer};
 
 fn render(renderer: &mut Renderer, slice: &Slice) -> Vec<u8> {
@@ -168,6 +170,84 @@ fn no_pose_is_too_odd() {
         assert_eq!(bytes.len(), 640 * 480);
         let field = renderer.field(&slice(pose));
         assert!(field.values.iter().flatten().all(|v| v.is_finite()), "{pose:?}");
+    }
+}
+
+#[test]
+fn no_phantom_is_too_wide_for_its_lattice() {
+    // The closest columns that a probe's file makes, 16 µm, and the widest phantom, 1 m.
+    let probe = ProbeSpec {
+        centre_frequency_hz: 25e6,
+        f_number: 0.5,
+        assumed_sound_speed_m_s: 1300.0,
+        elements: 16,
+        geometry: ImageGeometry { height_px: 40, ..probe().geometry },
+        ..probe()
+    };
+    let tissue = Tissue::homogeneous([1.0, 1.0, 0.01], material(Some(0.0), 0.5));
+    let mut renderer = Renderer::new(probe, needle(), tissue, 1);
+    for (x_mm, y_mm) in [(0.0, 0.0), (490.0, 490.0), (-490.0, -490.0)] {
+        let field = renderer.field(&slice(pose(x_mm, y_mm, 0.0, 0.0, 0.0, 0.0)));
+        let power = field.values.iter().flatten().map(|v| v * v).sum::<f32>() / field.values.len() as f32;
+        // A thousand pixels leave 3 %; the rows next to the face are darker.
+        assert!((power - 1.0).abs() < 0.3, "power {power} at {x_mm} mm");
+    }
+}
+
+#[test]
+fn no_press_is_too_odd() {
+    let turned = pose(0.1, -0.2, -2.0, 40.0, 0.0, 0.0);
+    let leant = pose(0.0, 0.0, -8.0, 0.0, -40.0, 35.0);
+    let good = Indentation {
+        x_m: 0.0,
+        y_m: 0.0,
+        yaw_rad: 0.3,
+        half_size_m: [20e-3, 6e-3],
+        depth_m: 2e-3,
+        thickness_m: 0.06,
+    };
+    // Such a press counts as none.
+    let unsound = [
+        Indentation { depth_m: f64::NAN, ..good },
+        Indentation { depth_m: -1e-3, ..good },
+        Indentation { depth_m: -1e9, ..good },
+        Indentation { depth_m: 18e-3, ..good },
+        Indentation { depth_m: f64::INFINITY, ..good },
+        Indentation { half_size_m: [f64::INFINITY, 6e-3], ..good },
+        Indentation { half_size_m: [20e-3, 0.0], ..good },
+        Indentation { half_size_m: [20e-3, 1e6], ..good },
+        Indentation { thickness_m: f64::INFINITY, ..good },
+        Indentation { thickness_m: 0.0, ..good },
+        Indentation { x_m: f64::NAN, ..good },
+        Indentation { yaw_rad: f64::NEG_INFINITY, ..good },
+    ];
+    let mut renderer = Renderer::new(probe(), needle(), gel(), 1);
+    let at_rest = render(&mut renderer, &scene(turned, 0));
+    for indentation in unsound {
+        let slice = Slice { indentation: Some(indentation), ..scene(turned, 0) };
+        assert!(render(&mut renderer, &slice) == at_rest, "{indentation:?} is no press");
+    }
+    // Wide faces move tissue far along the lines and across them, deep presses fold it nearly, thin ones stop half-way.
+    let odd = [
+        good,
+        Indentation { depth_m: 0.0, ..good },
+        Indentation { depth_m: 17e-3, ..good },
+        Indentation { half_size_m: [1e-12, 1e-12], ..good },
+        Indentation { half_size_m: [20e-3, 30e-3], depth_m: 15e-3, ..good },
+        Indentation { half_size_m: [20e-3, 30e-3], depth_m: 15e-3, yaw_rad: 1.5, ..good },
+        Indentation { half_size_m: [1.0, 1.0], depth_m: 17e-3, yaw_rad: 1.0, ..good },
+        Indentation { thickness_m: 5e-3, depth_m: 4e-3, ..good },
+        Indentation { thickness_m: 1e-12, depth_m: 1e-13, ..good },
+        Indentation { thickness_m: 1.0, yaw_rad: 1e300, ..good },
+        Indentation { x_m: 1e300, y_m: -1e300, ..good },
+    ];
+    for indentation in odd {
+        assert!(indentation.is_sound(), "{indentation:?}");
+        for pose in [turned, leant] {
+            let slice = Slice { indentation: Some(indentation), ..scene(pose, 0) };
+            assert_eq!(render(&mut renderer, &slice).len(), 640 * 480);
+            assert!(renderer.field(&slice).values.iter().flatten().all(|v| v.is_finite()), "{indentation:?}");
+        }
     }
 }
 

@@ -4,7 +4,7 @@ mod common;
 
 use common::{material, needle, pose, probe, slice};
 use sonoloop_types::{
-    Acoustics, ColumnSegment, Effects, Indentation, Pose, Precision, ProbeSpec, Slice, Tissue,
+    Acoustics, ColumnSegment, Effects, ImageGeometry, Indentation, Pose, Precision, ProbeSpec, Slice, Tissue,
 };
 use sonoloop_ultrasound::{Renderer, reference};
 
@@ -27,18 +27,23 @@ fn error_against(exact: &[[f64; 2]], probe: &ProbeSpec, tissue: &Tissue, slice: 
         difference += (f64::from(re) - exact_re).powi(2) + (f64::from(im) - exact_im).powi(2);
         power += exact_re * exact_re + exact_im * exact_im;
     }
-    assert!(power > 0.2 * exact.len() as f64, "the reference is empty");
+    // Some scenes fill a fifth of the picture.
+    assert!(power > 0.1 * exact.len() as f64, "the reference is empty");
     (difference / power).sqrt()
 }
 
-/// Gel under the right half of the picture only: the sum takes seconds, and this part holds both the middle,
-/// where the aperture is whole, and an end of the array.
-fn half_gel() -> Tissue {
-    Tissue::new([0.06, 0.06, 0.06], vec![material(Some(0.0), 0.5)], |x, y, out| {
-        if (-0.002..0.025).contains(&x) && y.abs() < 0.03 {
-            out.push(ColumnSegment { top_z_m: 0.0, bottom_z_m: -0.06, material: 0 });
+/// Gel between two places along x only: the sum takes seconds.
+fn gel_between(x_m: [f64; 2], thickness_m: f64) -> Tissue {
+    Tissue::new([0.06, 0.06, thickness_m], vec![material(Some(0.0), 0.5)], move |x, y, out| {
+        if (x_m[0]..x_m[1]).contains(&x) && y.abs() < 0.03 {
+            out.push(ColumnSegment { top_z_m: 0.0, bottom_z_m: -thickness_m, material: 0 });
         }
     })
+}
+
+/// Under the right half of the picture: both the middle, where the aperture is whole, and an end of the array.
+fn half_gel() -> Tissue {
+    gel_between([-0.002, 0.025], 0.06)
 }
 
 fn check(phantom_from_probe: Pose) {
@@ -80,8 +85,36 @@ fn truth_under_tilt_of_15_degrees_either_way() {
 }
 
 #[test]
-fn truth_under_tilt_of_30_degrees_both_ways() {
-    check(pose(0.0, 0.0, -12.0, 20.0, -30.0, 30.0));
+fn truth_under_tilt_of_30_degrees_all_four_ways() {
+    for (roll, pitch) in [(-30.0, 30.0), (30.0, 30.0), (-30.0, -30.0), (30.0, -30.0)] {
+        check(pose(0.0, 0.0, -12.0, 20.0, roll, pitch));
+    }
+}
+
+/// Columns of the picture lie farther apart over σ of the lateral beam than usual. In the middle of the array: at its ends
+/// the beam's width changes from column to column, and what is shared there ([`Precision::Fine`] says how much) is a
+/// matter of pixels, whatever the lines.
+#[test]
+fn truth_where_pixels_are_coarse_for_the_beam() {
+    let deep = |depth_m: f64, probe: ProbeSpec| {
+        let geometry = ImageGeometry { spacing_m: depth_m / 480.0, ..probe.geometry };
+        ProbeSpec { geometry, ..probe }
+    };
+    for (what, probe, thickness_m) in [
+        ("80 mm", deep(0.08, probe()), 0.09),
+        ("120 mm", deep(0.12, probe()), 0.13),
+        ("15 MHz", ProbeSpec { centre_frequency_hz: 15e6, ..probe() }, 0.06),
+        ("F# 1", ProbeSpec { f_number: 1.0, ..probe() }, 0.06),
+    ] {
+        let tissue = gel_between([-0.002, 0.006], thickness_m);
+        let slice = slice(pose(0.31, 0.12, -0.2, 0.0, 0.0, 0.0));
+        let exact = reference::field(&probe, &needle(), &tissue, 5, &slice);
+        for (precision, bound) in [(Precision::Usual, 0.05), (Precision::Fine, 0.02)] {
+            let error = error_against(&exact, &ProbeSpec { precision, ..probe.clone() }, &tissue, &slice);
+            println!("{:.2} %, {what}, {precision:?}", error * 100.0);
+            assert!(error <= bound, "error {error:.4} over {bound}, {what}, {precision:?}");
+        }
+    }
 }
 
 /// Pressed by 3 mm: strained by up to 15 %, and flowing aside.

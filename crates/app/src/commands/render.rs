@@ -52,6 +52,7 @@ fn view(args: &RenderArgs) -> View {
             transverse: args.transverse,
             yaw_rad: 0.0,
         }),
+        gain_db: args.gain_db,
         ..View::default()
     }
 }
@@ -64,6 +65,7 @@ fn check_numbers(args: &RenderArgs) -> Result<(), AppError> {
         ("--tilt-deg", args.tilt_deg, 80.0),
         ("--tip-depth-mm", args.tip_depth_mm, 200.0),
         ("--offset-mm", args.offset_mm, 100.0),
+        ("--gain-db", args.gain_db, 60.0),
         ("--needle-angle-deg", args.needle_angle_deg.unwrap_or(0.0), 90.0),
     ];
     for (name, value, bound) in values {

@@ -58,6 +58,10 @@ pub(crate) fn probe(document: &Document) -> Result<ProbeSpec, LoadError> {
             reverberation: raw.effects.reverberation,
             needle_shadow: raw.effects.needle_shadow,
             side_lobes: raw.effects.side_lobes,
+            speckle: raw.effects.speckle,
+            specular: raw.effects.specular,
+            contact: raw.effects.contact,
+            noise: raw.effects.noise,
         },
         precision: match raw.precision {
             RawPrecision::Usual => Precision::Usual,

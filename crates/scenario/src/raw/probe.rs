@@ -99,6 +99,14 @@ pub(crate) struct RawEffects {
     pub needle_shadow: bool,
     /// Strong echoes of the needle are seen beside it.
     pub side_lobes: bool,
+    /// Scatterers of the materials echo. Surfaces and the needle stay.
+    pub speckle: bool,
+    /// The needle's wall is a mirror, apart from its roughness.
+    pub specular: bool,
+    /// Elements without contact are blind and ring.
+    pub contact: bool,
+    /// Electronic noise.
+    pub noise: bool,
 }
 
 impl Default for RawEffects {
@@ -111,6 +119,10 @@ impl Default for RawEffects {
             reverberation: true,
             needle_shadow: true,
             side_lobes: true,
+            speckle: true,
+            specular: true,
+            contact: true,
+            noise: true,
         }
     }
 }

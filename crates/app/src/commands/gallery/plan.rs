@@ -128,10 +128,13 @@ pub fn sections(phantoms: &[PhantomFile], main: &str) -> Vec<Section> {
         Section {
             title: "Effects, one by one",
             note: "The same plane through simple anatomy with one effect switched off in each picture: what is missing is \
-                   what the effect does.",
+                   what the effect does. The last two belong to pictures above: the flat needle, and the needle in water.",
             pictures: effects()
                 .map(|(name, caption, tune)| of("anatomy", name, caption, anatomy(), tune))
                 .into_iter()
+                .chain(effects_elsewhere().map(|(phantom, name, caption, angle_deg, tune)| {
+                    of(phantom.unwrap_or(main), name, caption, with(lateral(angle_deg)), Some(tune))
+                }))
                 .filter(is_there)
                 .collect(),
         },
@@ -262,6 +265,26 @@ fn effects() -> [(&'static str, &'static str, Option<Tune>); 6] {
             "effects_no_needle_shadow",
             "A needle that hides nothing.",
             Some(|probe| probe.effects.needle_shadow = false),
+        ),
+    ]
+}
+
+/// Effects that do not show in the anatomy: phantom (`None`: the main one), file, caption, angle of the needle, switch.
+fn effects_elsewhere() -> [(Option<&'static str>, &'static str, &'static str, f64, Tune); 2] {
+    [
+        (
+            None,
+            "effects_no_reverberation",
+            "No reverberation: the flat shaft without its repeats below.",
+            0.0,
+            |probe| probe.effects.reverberation = false,
+        ),
+        (
+            Some("water"),
+            "effects_no_side_lobes",
+            "No side lobes: the tip in water without its arc.",
+            40.0,
+            |probe| probe.effects.side_lobes = false,
         ),
     ]
 }
