@@ -64,7 +64,7 @@ impl Placement {
 /// A step of the optimiser as a shift and what it adds to the template's axes: the columns of Δ.
 ///
 /// `parameters` are those of [`normal_equations`], the linear ones per `half_px`. A rigid step is a turn to first order;
-/// [`turned`] makes a true turn of it.
+/// its sine and cosine make a true turn of it.
 pub(crate) fn step(warp: Warp, parameters: &[f64], half_px: f64) -> [[f64; 2]; 3] {
     match (warp, parameters) {
         (Warp::Rigid, &[u, v, turn]) => {
@@ -207,14 +207,11 @@ mod tests {
     #[test]
     fn truth_the_solution_satisfies_the_equations() {
         // A positive definite matrix from its factor.
-        let mut matrix = [[0.0; 6]; 6];
-        for i in 0..6 {
-            for j in 0..6 {
-                matrix[i][j] =
-                    (0..6).map(|k| ((i * 5 + k) % 7) as f64 * ((j * 5 + k) % 7) as f64).sum::<f64>()
-                        + if i == j { 3.0 } else { 0.0 };
-            }
-        }
+        let factor = |i: usize, k: usize| ((i * 5 + k) % 7) as f64;
+        let entry = |i: usize, j: usize| {
+            (0..6).map(|k| factor(i, k) * factor(j, k)).sum::<f64>() + if i == j { 3.0 } else { 0.0 }
+        };
+        let matrix: [[f64; 6]; 6] = core::array::from_fn(|i| core::array::from_fn(|j| entry(i, j)));
         let vector = [1.0, -2.0, 0.5, 3.0, -1.0, 2.0];
         let solution = solve(6, &matrix, &vector, 0.0).expect("a solution");
         for (row, v) in matrix.iter().zip(vector) {

@@ -15,7 +15,7 @@ use crate::{
     tape::BakedTape,
 };
 
-/// Sound speed in steel 304L, for the spacing of reverberations. [src] manufacturer's tables
+/// Sound speed in steel 304L, for the spacing of reverberations. [source] manufacturers' tables
 const STEEL_SOUND_SPEED_M_S: f64 = 5790.0;
 /// Reverberations drawn below the coherent line, and below a point of the roughness. [assumed]
 const COHERENT_REVERBERATIONS: usize = 3;

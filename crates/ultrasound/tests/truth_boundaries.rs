@@ -252,7 +252,7 @@ fn truth_echoes_between_two_faces_are_a_thickness_apart() {
 #[test]
 fn truth_echoes_inside_a_plate_weaken_as_two_passages_and_its_faces_say() {
     // A bone-like plate and one that lets next to nothing in, 4 mm thick at the assumed speed, so 4 mm apart.
-    for density_ratio in [4.3, 400.0] {
+    for density_ratio in [4.3f64, 400.0] {
         let liquid = material(None, 0.0);
         let body = Acoustics { density_kg_m3: liquid.density_kg_m3 * density_ratio, ..liquid };
         let tissue = slab([liquid, body], [0.012, 0.016], WIDE);
@@ -262,7 +262,7 @@ fn truth_echoes_inside_a_plate_weaken_as_two_passages_and_its_faces_say() {
                 .map(|row| power_db(&field, row..row + 1, -20..20))
                 .fold(f64::MIN, f64::max)
         };
-        let reflection = f64::from(density_ratio - 1.0) / f64::from(density_ratio + 1.0);
+        let reflection = (density_ratio - 1.0) / (density_ratio + 1.0);
         let front_db = peak_db(120);
         // Each is R³(1 − R²) of the front's, and R² less with every passage more.
         for (bounce, depth_px) in [(2, 200), (3, 240)] {
