@@ -51,15 +51,18 @@
 //!
 //! # Left out
 //!
-//! Tissue does not deform under the needle, and sound speed and loss move with tissue under the probe by whole columns. Through other sound speeds a pulse
-//! keeps its carrier: the field is some 12 % off the sum over its scatterers there, not 5 %. Paths are straight: nothing refracts, and the beam keeps
-//! its focus behind other sound speeds. The slice's thickness does not grow as the frequency falls. Delays are bounded by
-//! 2.5 mm, and lines whose pulses together span more than 64 rows of the working grid lose part of theirs. A row is 1.15 σ of
-//! the pulse upright: that is a difference of 4 mm at 7.5 MHz and 2 mm at 15, under air and metal, where there is shadow
-//! anyway.
-//! The map of shadows blurs their edges, by a millimetre 20 mm farther down. Only the tip has side lobes. Blind elements
-//! dim the lines but do not widen the beam. Tissue is not drawn for a probe tilted by more than 60° out of the
-//! phantom's vertical.
+//! Tissue does not deform under the needle, and sound speed and loss move with tissue under the probe by whole columns.
+//! Through other sound speeds a pulse keeps its carrier as drawn: the field is some 12 % off the sum over its scatterers
+//! there, not 5 %. In the first half millimetre scatterers above the face are missing, and the picture's top row is dark.
+//! Where pixels are coarser than the pulse (a picture 120 mm deep) the envelope is sampled, not averaged, and thin bright
+//! surfaces flicker as they pass from row to row.
+//!
+//! Paths are straight: nothing refracts, and the beam keeps its focus behind other sound speeds. The slice's thickness does
+//! not grow as the frequency falls. Delays are bounded by 2.5 mm, and lines whose pulses together span more than 64 rows of
+//! the working grid lose part of theirs. A row is 1.15 σ of the pulse upright: that is a difference of 4 mm at 7.5 MHz and
+//! 2 mm at 15, under air and metal, where there is shadow anyway. The map of shadows blurs their edges, by a millimetre
+//! 20 mm farther down. Only the tip has side lobes. Blind elements dim the lines but do not widen the beam. Tissue is not
+//! drawn for a probe tilted by more than 60° out of the phantom's vertical.
 
 mod axial;
 mod beam;
