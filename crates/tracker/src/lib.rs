@@ -5,6 +5,10 @@
 //! ([`TrackerSettings::profile`](sonoloop_types::TrackerSettings::profile)). The tracker knows pictures, and what
 //! [`Context`] tells it of measured motion; it knows no arm, no needle robot and no simulator.
 //!
+//! A template moves by a translation, turns too, or is sheared and scaled
+//! ([`Warp`](sonoloop_types::Warp)). Steps are composed in the template's coordinates, a ← a ∘ (I + Δ), where its gradients
+//! are known; the paper's "accumulating Δp" is the same for small translations only. The tip is the template's middle.
+//!
 //! Symbols: `T_1` the first template, the *anchor*; `T_n` the *previous* template; `S` the side of both in pixels;
 //! `P` the patch of the current image under the template; `w` the Gaussian weight about the tip; `Δ` the change of
 //! the whole image's median grey level since a template was taken.
