@@ -99,8 +99,7 @@ impl Registrar {
 
     /// Samples the patch about a point; `Err` when too little of it lies inside the picture or the region.
     pub fn sample(&mut self, region: &Region, centre_px: [f64; 2]) -> Result<Inside, Reason> {
-        let inside = region.sample(centre_px, self.side, &mut self.patch).ok_or(Reason::Diverged)?;
-        if 2 * inside.count() < self.side * self.side { Err(Reason::OutOfImage) } else { Ok(inside) }
+        self.sample_warped(region, &Placement::at(centre_px))
     }
 
     /// The same through a warp.
@@ -203,26 +202,17 @@ impl Registrar {
         let side = self.side;
         let mut totals = [[0.0_f32; LANES]; 6];
         for y in inside.y[0]..inside.y[1] {
-            let row = Row {
-                weight: plain_row(&self.weights, side, y, inside),
-                above: &self.patch[y * (side + 2) + 1 + inside.x[0]..],
-                here: &self.patch[(y + 1) * (side + 2) + inside.x[0]..],
-                below: &self.patch[(y + 2) * (side + 2) + 1 + inside.x[0]..],
-                wanted: window_row(reference.padded, side, y, inside),
-                grad_u: plain_row(reference.grad_u, side, y, inside),
-                grad_v: plain_row(reference.grad_v, side, y, inside),
-            };
-            row.add(reference.change, reference.share, &mut totals);
+            Row::new(&self.weights, &self.patch, side, reference, y, inside).add(&mut totals);
         }
         totals.map(|lanes| lanes.iter().map(|lane| f64::from(*lane)).sum())
     }
 }
 
 /// Sums run in this many lanes, in an order that no CPU changes.
-const LANES: usize = 4;
+pub(crate) const LANES: usize = 4;
 
 /// One row of the window, cut to what lies inside the picture.
-struct Row<'a> {
+pub(crate) struct Row<'a> {
     weight: &'a [f32],
     above: &'a [f32],
     /// Begins one pixel to the left of the others.
@@ -231,44 +221,83 @@ struct Row<'a> {
     wanted: &'a [f32],
     grad_u: &'a [f32],
     grad_v: &'a [f32],
+    change: f32,
+    share: f32,
 }
 
-impl Row<'_> {
-    fn add(&self, change: f32, share: f32, totals: &mut [[f32; LANES]; 6]) {
-        let width = self.weight.len();
-        let whole = width - width % LANES;
-        for start in (0..whole).step_by(LANES) {
-            self.add_lanes::<LANES>(start, change, share, totals);
-        }
-        for start in whole..width {
-            self.add_lanes::<1>(start, change, share, totals);
+/// What an iteration needs of N pixels: weight, gradient along u and v, residual e.
+pub(crate) struct Pixels<const N: usize> {
+    pub weight: [f32; N],
+    pub gu: [f32; N],
+    pub gv: [f32; N],
+    pub e: [f32; N],
+}
+
+impl<'a> Row<'a> {
+    pub fn new(
+        weights: &'a [f32],
+        patch: &'a [f32],
+        side: usize,
+        reference: &Reference<'a>,
+        y: usize,
+        inside: Inside,
+    ) -> Self {
+        Self {
+            weight: plain_row(weights, side, y, inside),
+            above: &patch[y * (side + 2) + 1 + inside.x[0]..],
+            here: &patch[(y + 1) * (side + 2) + inside.x[0]..],
+            below: &patch[(y + 2) * (side + 2) + 1 + inside.x[0]..],
+            wanted: window_row(reference.padded, side, y, inside),
+            grad_u: plain_row(reference.grad_u, side, y, inside),
+            grad_v: plain_row(reference.grad_v, side, y, inside),
+            change: reference.change,
+            share: reference.share,
         }
     }
 
+    pub fn width(&self) -> usize {
+        self.weight.len()
+    }
+
+    /// The pixels from `start` on.
     #[inline(always)]
-    fn add_lanes<const N: usize>(
-        &self,
-        start: usize,
-        change: f32,
-        share: f32,
-        totals: &mut [[f32; LANES]; 6],
-    ) {
+    pub fn pixels<const N: usize>(&self, start: usize) -> Pixels<N> {
         let [weight, above, below] = [self.weight, self.above, self.below].map(|row| &row[start..start + N]);
         let [wanted, grad_u, grad_v] =
             [self.wanted, self.grad_u, self.grad_v].map(|row| &row[start..start + N]);
         let here = &self.here[start..start + N + 2];
+        let own = (1.0 - self.share) * 0.5;
+        let mut pixels = Pixels { weight: [0.0; N], gu: [0.0; N], gv: [0.0; N], e: [0.0; N] };
         for k in 0..N {
-            let own = (1.0 - share) * 0.5;
-            let gu = own * (here[k + 2] - here[k]) + share * grad_u[k];
-            let gv = own * (below[k] - above[k]) + share * grad_v[k];
-            let e = here[k + 1] - (wanted[k] + change);
-            let (wu, wv) = (weight[k] * gu, weight[k] * gv);
+            pixels.weight[k] = weight[k];
+            pixels.gu[k] = own * (here[k + 2] - here[k]) + self.share * grad_u[k];
+            pixels.gv[k] = own * (below[k] - above[k]) + self.share * grad_v[k];
+            pixels.e[k] = here[k + 1] - (wanted[k] + self.change);
+        }
+        pixels
+    }
+
+    fn add(&self, totals: &mut [[f32; LANES]; 6]) {
+        let whole = self.width() - self.width() % LANES;
+        for start in (0..whole).step_by(LANES) {
+            self.add_lanes::<LANES>(start, totals);
+        }
+        for start in whole..self.width() {
+            self.add_lanes::<1>(start, totals);
+        }
+    }
+
+    #[inline(always)]
+    fn add_lanes<const N: usize>(&self, start: usize, totals: &mut [[f32; LANES]; 6]) {
+        let Pixels { weight, gu, gv, e } = self.pixels::<N>(start);
+        for k in 0..N {
+            let (wu, wv) = (weight[k] * gu[k], weight[k] * gv[k]);
             totals[0][k] += weight[k];
-            totals[1][k] += wu * gu;
-            totals[2][k] += wu * gv;
-            totals[3][k] += wv * gv;
-            totals[4][k] += wu * e;
-            totals[5][k] += wv * e;
+            totals[1][k] += wu * gu[k];
+            totals[2][k] += wu * gv[k];
+            totals[3][k] += wv * gv[k];
+            totals[4][k] += wu * e[k];
+            totals[5][k] += wv * e[k];
         }
     }
 }

@@ -7,8 +7,10 @@
 use sonoloop_types::{Reason, Warp};
 
 use crate::region::{Inside, Region};
-use crate::register::{Failure, NEAR_PX, Reference, Registrar, Registration, eigenvalue_ratio};
-use crate::template::{Template, plain_row, window_row};
+use crate::register::{
+    Failure, LANES, NEAR_PX, Pixels, Reference, Registrar, Registration, Row, eigenvalue_ratio,
+};
+use crate::template::Template;
 use crate::warp::{Moments, Placement, normal_equations, solve, step};
 
 /// Damping λ to begin with; a step that makes the residual smaller divides it by ten, one that does not multiplies it.
@@ -16,8 +18,6 @@ const FIRST_DAMPING: f64 = 1e-3;
 const LEAST_DAMPING: f64 = 1e-6;
 /// With this much the steps are too short to matter.
 const MOST_DAMPING: f64 = 1e3;
-/// Sums run in this many lanes, in an order that no CPU changes.
-const LANES: usize = 4;
 
 /// A placement and the normal equations there.
 #[derive(Debug, Clone, Copy)]
@@ -124,16 +124,8 @@ fn moments(weights: &[f32], patch: &[f32], side: usize, reference: &Reference, i
     let half = (side as f32 - 1.0) / 2.0;
     let mut sums = Moments::default();
     for k in inside.y[0]..inside.y[1] {
-        let row = Row {
-            weight: plain_row(weights, side, k, inside),
-            above: &patch[k * (side + 2) + 1 + inside.x[0]..],
-            here: &patch[(k + 1) * (side + 2) + inside.x[0]..],
-            below: &patch[(k + 2) * (side + 2) + 1 + inside.x[0]..],
-            wanted: window_row(reference.padded, side, k, inside),
-            grad_u: plain_row(reference.grad_u, side, k, inside),
-            grad_v: plain_row(reference.grad_v, side, k, inside),
-            change: reference.change,
-            share: reference.share,
+        let row = Line {
+            row: Row::new(weights, patch, side, reference, k, inside),
             first_x: (inside.x[0] as f32 - half) / half,
             x_step: 1.0 / half,
         };
@@ -142,19 +134,9 @@ fn moments(weights: &[f32], patch: &[f32], side: usize, reference: &Reference, i
     sums
 }
 
-/// One row of the window, cut to what lies inside the picture.
-struct Row<'a> {
-    weight: &'a [f32],
-    above: &'a [f32],
-    /// Begins one pixel to the left of the others.
-    here: &'a [f32],
-    below: &'a [f32],
-    wanted: &'a [f32],
-    grad_u: &'a [f32],
-    grad_v: &'a [f32],
-    /// Δ, and the share of the reference's gradient.
-    change: f32,
-    share: f32,
+/// One row of the window and where its pixels are.
+struct Line<'a> {
+    row: Row<'a>,
     /// Coordinate x over the half-side of the first pixel, and from one to the next.
     first_x: f32,
     x_step: f32,
@@ -163,9 +145,9 @@ struct Row<'a> {
 /// Sums of a row: w, w·e², then for 1, x, x² those with g_u², g_u·g_v, g_v², then for 1, x those with e·g_u, e·g_v.
 const SUMS: usize = 2 + 9 + 4;
 
-impl Row<'_> {
+impl Line<'_> {
     fn add_to(&self, y: f64, sums: &mut Moments) {
-        let width = self.weight.len();
+        let width = self.row.width();
         let whole = width - width % LANES;
         let mut totals = [[0.0_f32; LANES]; SUMS];
         for start in (0..whole).step_by(LANES) {
@@ -194,22 +176,15 @@ impl Row<'_> {
 
     #[inline(always)]
     fn add_lanes<const N: usize>(&self, start: usize, totals: &mut [[f32; LANES]; SUMS]) {
-        let [weight, above, below] = [self.weight, self.above, self.below].map(|row| &row[start..start + N]);
-        let [wanted, grad_u, grad_v] =
-            [self.wanted, self.grad_u, self.grad_v].map(|row| &row[start..start + N]);
-        let here = &self.here[start..start + N + 2];
-        let own = (1.0 - self.share) * 0.5;
+        let Pixels { weight, gu, gv, e } = self.row.pixels::<N>(start);
         for k in 0..N {
             let x = self.first_x + (start + k) as f32 * self.x_step;
-            let gu = own * (here[k + 2] - here[k]) + self.share * grad_u[k];
-            let gv = own * (below[k] - above[k]) + self.share * grad_v[k];
-            let e = here[k + 1] - (wanted[k] + self.change);
-            let (wu, wv) = (weight[k] * gu, weight[k] * gv);
-            let (uu, uv, vv) = (wu * gu, wu * gv, wv * gv);
-            let (eu, ev) = (wu * e, wv * e);
+            let (wu, wv) = (weight[k] * gu[k], weight[k] * gv[k]);
+            let (uu, uv, vv) = (wu * gu[k], wu * gv[k], wv * gv[k]);
+            let (eu, ev) = (wu * e[k], wv * e[k]);
             let terms = [
                 weight[k],
-                weight[k] * e * e,
+                weight[k] * e[k] * e[k],
                 uu,
                 uv,
                 vv,

@@ -74,7 +74,7 @@ impl Indentation {
     }
 
     /// Distances of a place along the face and across it from its middle.
-    pub fn from_middle_m(&self, x_m: f64, y_m: f64) -> [f64; 2] {
+    fn along_and_across_m(&self, x_m: f64, y_m: f64) -> [f64; 2] {
         let (sin, cos) = libm::sincos(self.yaw_rad);
         let (dx, dy) = (x_m - self.x_m, y_m - self.y_m);
         [cos * dx + sin * dy, cos * dy - sin * dx]
@@ -89,7 +89,7 @@ impl Indentation {
     /// Where a point of the resting phantom is now, minus where it was.
     pub fn displacement_m(&self, rest: Point) -> Vector {
         let [f, slope] = self.by_depth(-rest.z);
-        let [along_m, across_m] = self.from_middle_m(rest.x, rest.y);
+        let [along_m, across_m] = self.along_and_across_m(rest.x, rest.y);
         let lengthwise_m = self.depth_m * self.lengthwise(along_m);
         let [y, swept_m] = self.crosswise(across_m);
         self.sideways() * (lengthwise_m * swept_m * slope) - Vector::z() * (lengthwise_m * y * f)

@@ -15,7 +15,7 @@ pub struct ElevationSample {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Precision {
-    /// Within 5 % RMS of the complex field.
+    /// Within 5 % RMS of the complex field; some 12 % where sound is slower or faster than assumed.
     #[default]
     Usual,
     /// Within 2 %, in about twice the time (`benches/README.md`). In pictures deeper than 70 mm the array's ends are farther off, as much

@@ -88,6 +88,7 @@ pub fn facets(
     own: &[Boundary],
     [dx_m, dy_m]: [f64; 2],
     [ix, iy]: [i32; 2],
+    reverberates: bool,
     mut boundaries: impl FnMut(i32, i32) -> Vec<Boundary>,
 ) -> Vec<Facet> {
     // The rows beside this one are shifted by half a column.
@@ -138,7 +139,7 @@ pub fn facets(
             reflection: boundary.reflection,
             level_np: PLANE_LEVEL_DB * NEPER_PER_DB + libm::log(boundary.reflection.abs()),
             spacing_m: boundary.thickness_m,
-            ratio: if ratio < MIN_REVERBERATION { 0.0 } else { ratio },
+            ratio: if reverberates && ratio >= MIN_REVERBERATION { ratio } else { 0.0 },
         })
     });
     facets.collect()

@@ -215,13 +215,9 @@ impl Columns {
         let first = self.facets.len();
         if !own.is_empty() {
             let spacing_m = self.lattice.spacing_m();
-            let found = facets(&own, spacing_m, [ix, iy], |ix, iy| self.boundaries(ix, iy));
             let reverberates = self.reverberates;
-            self.facets.extend(
-                found
-                    .into_iter()
-                    .map(|facet| Facet { ratio: if reverberates { facet.ratio } else { 0.0 }, ..facet }),
-            );
+            let found = facets(&own, spacing_m, [ix, iy], reverberates, |ix, iy| self.boundaries(ix, iy));
+            self.facets.extend(found);
             self.facet_z_m.extend(self.facets[first..].iter().map(|facet| facet.z_m));
         }
         let range = Range { first: first as u32, count: (self.facets.len() - first) as u32 };

@@ -203,7 +203,9 @@ impl Paths {
             if contact.any_blind {
                 contact.shade(direction, plane, wanted_m, &mut march.part);
             }
-            march.sum_unshaded();
+            if occlusion.any() {
+                march.sum_unshaded();
+            }
             if occlusion.begun() {
                 occlusion.shade(direction, row, beam, depth_m, &mut march.part);
             }

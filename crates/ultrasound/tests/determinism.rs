@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{gel, material, needle, needle_in_probe, pose, probe, slice, water};
+use common::{gel, material, needle, needle_in_probe, pose, press, probe, slice, water};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use sonoloop_types::{
     Image, ImageGeometry, Indentation, NeedlePath, Pose, Precision, ProbeSpec, Slice, Tissue, Vector,
@@ -35,19 +35,8 @@ fn poses() -> [Pose; 7] {
 
 /// All of them, some with pressed tissue or without contact on the left.
 fn scenes(sequence: u64) -> Vec<Slice> {
-    let pressed =
-        [pose(0.2, 0.1, -2.0, 5.0, 0.0, 0.0), pose(0.0, 0.5, -6.0, 20.0, -12.0, 15.0)].map(|pose| {
-            let at = pose.translation.vector;
-            let indentation = Indentation {
-                x_m: at.x,
-                y_m: at.y,
-                yaw_rad: 0.3,
-                half_size_m: [20e-3, 6e-3],
-                depth_m: 2e-3,
-                thickness_m: 0.06,
-            };
-            Slice { indentation: Some(indentation), ..scene(pose, sequence) }
-        });
+    let pressed = [pose(0.2, 0.1, -2.0, 5.0, 0.0, 0.0), pose(0.0, 0.5, -6.0, 20.0, -12.0, 15.0)]
+        .map(|pose| Slice { indentation: Some(press(&pose, 20e-3, 2e-3)), ..scene(pose, sequence) });
     let mut lifted = scene(pose(0.1, 0.0, 0.0, 0.0, 0.0, 0.0), sequence);
     lifted.element_gap_m[..40].fill(1e-3);
     poses().map(|pose| scene(pose, sequence)).into_iter().chain(pressed).chain([lifted]).collect()

@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{material, needle, pose, probe, slice};
+use common::{material, needle, pose, press, probe, slice};
 use sonoloop_types::{
-    Acoustics, ColumnSegment, Effects, ImageGeometry, Indentation, Pose, Precision, ProbeSpec, Slice, Tissue,
+    Acoustics, ColumnSegment, Effects, ImageGeometry, Pose, Precision, ProbeSpec, Slice, Tissue,
 };
 use sonoloop_ultrasound::{Renderer, reference};
 
@@ -119,16 +119,7 @@ fn truth_where_pixels_are_coarse_for_the_beam() {
 
 /// Pressed by 3 mm: strained by up to 15 %, and flowing aside.
 fn pressed(pose: Pose) -> Slice {
-    let at = pose.translation.vector;
-    let indentation = Indentation {
-        x_m: at.x,
-        y_m: at.y,
-        yaw_rad: 0.3,
-        half_size_m: [24e-3, 6e-3],
-        depth_m: 3e-3,
-        thickness_m: 0.06,
-    };
-    Slice { indentation: Some(indentation), ..slice(pose) }
+    Slice { indentation: Some(press(&pose, 24e-3, 3e-3)), ..slice(pose) }
 }
 
 #[test]

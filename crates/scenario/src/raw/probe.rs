@@ -74,7 +74,7 @@ fn default_depth_mm() -> f64 {
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum RawPrecision {
-    /// Within 5 % RMS of the complex field.
+    /// Within 5 % RMS of the complex field; some 12 % where sound is slower or faster than assumed.
     #[default]
     Usual,
     /// Within 2 %.

@@ -3,8 +3,8 @@
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use sonoloop_types::{
-    Acoustics, Effects, ElevationSample, ImageGeometry, NeedlePath, NeedleSpec, Point, Pose, Precision,
-    ProbeSpec, Slice, Tissue, Vector,
+    Acoustics, Effects, ElevationSample, ImageGeometry, Indentation, NeedlePath, NeedleSpec, Point, Pose,
+    Precision, ProbeSpec, Slice, Tissue, Vector,
 };
 
 /// A probe like an L12-3v, two-way widths of a 5 mm element height focused at 18 mm.
@@ -90,6 +90,19 @@ pub fn slice(phantom_from_probe: Pose) -> Slice {
         element_gap_m: vec![0.0; 192],
         indentation: None,
         gain_db: 0.0,
+    }
+}
+
+/// What a probe with a face of this half length presses at a pose, turned a little against it.
+pub fn press(phantom_from_probe: &Pose, half_length_m: f64, depth_m: f64) -> Indentation {
+    let at = phantom_from_probe.translation.vector;
+    Indentation {
+        x_m: at.x,
+        y_m: at.y,
+        yaw_rad: 0.3,
+        half_size_m: [half_length_m, 6e-3],
+        depth_m,
+        thickness_m: 0.06,
     }
 }
 
