@@ -1,10 +1,10 @@
 use serde::{Deserialize, Serialize};
+use sonoloop_simd::Instructions;
 use sonoloop_types::TrackerSettings;
 
 use crate::TrackerError;
-use crate::gaussian::window_weights;
+use crate::gaussian::Weights;
 use crate::likeness::Moments;
-use crate::region::Inside;
 use crate::template::Template;
 
 /// Larger pictures are taken for garbage.
@@ -30,6 +30,8 @@ pub struct Checkpoint {
     pub anchor: SavedTemplate,
     /// T_n.
     pub previous: SavedTemplate,
+    /// T_1 unblurred, where the settings refine.
+    pub sharp: Option<SavedTemplate>,
     /// The last believed tip (u, v).
     pub tip_px: [f64; 2],
     /// Images in a row without TRACKING; widens the search.
@@ -37,8 +39,8 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// Checks everything against `settings` and gives T_1 and T_n.
-    pub(crate) fn templates(&self, settings: &TrackerSettings) -> Result<[Template; 2], TrackerError> {
+    /// Checks everything against `settings` and gives T_1, T_n and the unblurred T_1.
+    pub(crate) fn templates(&self, settings: &TrackerSettings) -> Result<[Template; 3], TrackerError> {
         let bad = |what| Err(TrackerError::Checkpoint(what));
         if self.template_px != settings.template_px {
             return bad("its templates are of another size than the settings'");
@@ -50,7 +52,10 @@ impl Checkpoint {
             return bad("impossible tip");
         }
         let side = self.template_px as usize;
-        for saved in [&self.anchor, &self.previous] {
+        if self.sharp.is_some() != settings.refine {
+            return bad("an unblurred template is there without need, or missing");
+        }
+        for saved in [&self.anchor, &self.previous].into_iter().chain(&self.sharp) {
             if saved.padded.len() != (side + 2) * (side + 2) {
                 return bad("a template has the wrong number of pixels");
             }
@@ -62,25 +67,26 @@ impl Checkpoint {
                 return bad("impossible median of an image");
             }
         }
-        let template = |saved: &SavedTemplate| Template::new(side, saved.padded.clone(), saved.median);
+        let template = |saved: &SavedTemplate| Template::from_pixels(side, &saved.padded, saved.median);
         let [anchor, previous] = [template(&self.anchor), template(&self.previous)];
         if is_flat(&anchor, settings) {
             return bad("the first template has no texture");
         }
-        Ok([anchor, previous])
+        let sharp = self.sharp.as_ref().map_or_else(|| Template::blank(side), template);
+        Ok([anchor, previous, sharp])
     }
 }
 
 impl From<&Template> for SavedTemplate {
     fn from(template: &Template) -> Self {
-        Self { padded: template.padded.clone(), median: template.median }
+        Self { padded: template.window.pixels(&template.padded).collect(), median: template.median }
     }
 }
 
 /// Whether there is nothing in the template to look for.
 pub(crate) fn is_flat(template: &Template, settings: &TrackerSettings) -> bool {
-    let weights = window_weights(template.side, settings.weight_sigma_px);
-    let inside = Inside::all(template.side);
-    Moments::of(&weights, template.side, inside, &template.padded, &template.padded)
+    let weights = Weights::new(template.window.side, settings.weight_sigma_px);
+    let (padded, part) = (&template.padded, weights.part);
+    Moments::of(Instructions::PLAIN, weights.window, part, weights.whole(), padded, padded)
         .is_none_or(|m| m.b_is_flat())
 }

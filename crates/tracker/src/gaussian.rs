@@ -1,5 +1,11 @@
 //! Gaussian tables: the blur's taps and the weight about the tip.
 
+use crate::region::Inside;
+use crate::window::{Part, Window};
+
+/// A weight beyond this many σ, exp(−4²/2) = 3·10⁻⁴, is taken for zero, and its pixel is left out.
+const REACH_SIGMAS: f64 = 4.0;
+
 /// Taps of a Gaussian blur, normalised to a sum of one; a single tap when `sigma_px` is zero.
 ///
 /// Cut at 3σ, where the taps have fallen to 1 % of the middle.
@@ -16,10 +22,56 @@ pub(crate) fn axis_weights(side: usize, sigma_px: f64) -> Vec<f32> {
     (0..side).map(|k| if sigma_px == 0.0 { 1.0 } else { bell(k as f64 - middle, sigma_px) as f32 }).collect()
 }
 
-/// Weights of a square window, row by row: the product of [`axis_weights`] of both axes.
-pub(crate) fn window_weights(side: usize, sigma_px: f64) -> Vec<f32> {
-    let axis = axis_weights(side, sigma_px);
-    axis.iter().flat_map(|y| axis.iter().map(move |x| x * y)).collect()
+/// Weights of a window's pixels: the product of [`axis_weights`] of both axes.
+#[derive(Debug, Clone)]
+pub(crate) struct Weights {
+    pub window: Window,
+    /// Where they are not zero.
+    pub part: Part,
+    whole: Vec<f32>,
+    /// Those of the pixels inside the picture, and which these are.
+    cut: Vec<f32>,
+    cut_to: Inside,
+}
+
+impl Weights {
+    /// Weights of a window of `side` pixels, σ `sigma_px`; uniform when that is zero.
+    pub fn new(side: usize, sigma_px: f64) -> Self {
+        let window = Window { side };
+        let reach = REACH_SIGMAS * sigma_px;
+        let first = if sigma_px == 0.0 { 0.0 } else { libm::ceil(window.half_px() - reach).max(0.0) } as usize;
+        let part = Part { first, end: side - first };
+        let axis = axis_weights(side, sigma_px);
+        let mut whole = vec![0.0; window.len()];
+        for (y, row) in whole.chunks_exact_mut(window.stride()).enumerate().take(part.end).skip(part.first) {
+            for (x, weight) in row.iter_mut().enumerate().take(part.end).skip(part.first) {
+                *weight = axis[x] * axis[y];
+            }
+        }
+        Self { window, part, cut: vec![0.0; whole.len()], cut_to: Inside { x: [0; 2], y: [0; 2] }, whole }
+    }
+
+    /// The weights, zero where the window lies outside of the picture.
+    pub fn within(&mut self, inside: Inside) -> &[f32] {
+        if inside == Inside::all(self.window.side) {
+            return &self.whole;
+        }
+        if inside != self.cut_to {
+            self.cut_to = inside;
+            self.cut.fill(0.0);
+            let stride = self.window.stride();
+            for y in inside.y[0]..inside.y[1] {
+                let row = y * stride + inside.x[0]..y * stride + inside.x[1];
+                self.cut[row.clone()].copy_from_slice(&self.whole[row]);
+            }
+        }
+        &self.cut
+    }
+
+    /// All weights of the window.
+    pub fn whole(&self) -> &[f32] {
+        &self.whole
+    }
 }
 
 fn bell(distance_px: f64, sigma_px: f64) -> f64 {
@@ -45,11 +97,24 @@ mod tests {
     }
 
     #[test]
-    fn truth_weights_follow_the_bell() {
-        let weights = window_weights(21, 3.0);
-        assert_eq!(weights[10 * 21 + 10], 1.0);
-        assert!((weights[10 * 21 + 13] - 0.606_530_7).abs() < 1e-6);
-        assert!((weights[13 * 21 + 13] - 0.367_879_4).abs() < 1e-6);
-        assert!(window_weights(20, 0.0).iter().all(|w| *w == 1.0));
+    fn truth_weights_follow_the_bell_and_end_at_four_sigma() {
+        let weights = Weights::new(61, 3.0);
+        let at = |x: usize, y: usize| weights.whole()[y * weights.window.stride() + x];
+        assert_eq!(at(30, 30), 1.0);
+        assert!((at(33, 30) - 0.606_530_7).abs() < 1e-6);
+        assert!((at(33, 33) - 0.367_879_4).abs() < 1e-6);
+        assert_eq!(weights.part, Part { first: 18, end: 43 });
+        assert!(at(42, 30) > 0.0 && at(43, 30) == 0.0 && at(17, 30) == 0.0 && at(18, 30) > 0.0);
+        let uniform = Weights::new(20, 0.0);
+        assert_eq!(uniform.whole().iter().sum::<f32>(), 400.0);
+    }
+
+    #[test]
+    fn weights_outside_of_the_picture_are_zero() {
+        let mut weights = Weights::new(20, 0.0);
+        let inside = Inside { x: [4, 20], y: [0, 3] };
+        assert_eq!(weights.within(inside).iter().sum::<f32>(), 48.0);
+        assert_eq!(weights.within(Inside::all(20)).iter().sum::<f32>(), 400.0);
+        assert_eq!(weights.within(inside)[3], 0.0);
     }
 }

@@ -1,7 +1,8 @@
 //! How alike two patches are: weighted correlation and brightness ratio.
 
-use crate::region::Inside;
-use crate::template::{plain_row, window_row};
+use sonoloop_simd::{Instructions, wide};
+
+use crate::window::{LANES, Part, Window, lanes, total};
 
 /// Contrast (weighted variance, grey levels squared) below which a patch counts as flat.
 const FLAT: f64 = 1e-3;
@@ -9,7 +10,7 @@ const FLAT: f64 = 1e-3;
 const MAX_GAIN: f64 = 2.0;
 
 /// Weighted sums over the part of the window that lies inside the picture.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Moments {
     /// Weighted mean of the first patch.
     pub mean_a: f64,
@@ -24,37 +25,23 @@ pub(crate) struct Moments {
 }
 
 impl Moments {
-    /// Of two padded patches of side `side` + 2 under the window's weights; `None` when no weight is inside.
-    pub fn of(weights: &[f32], side: usize, inside: Inside, a: &[f32], b: &[f32]) -> Option<Self> {
-        let rows = |y| {
-            let ab = window_row(a, side, y, inside).iter().zip(window_row(b, side, y, inside));
-            plain_row(weights, side, y, inside).iter().zip(ab)
-        };
-        // Sums about a grey level that is surely near: f64 then loses nothing, in a single pass.
-        let near = f64::from(a.get(a.len() / 2).copied().unwrap_or(0.0));
-        let [mut w, mut sa, mut sb, mut saa, mut sbb, mut sab] = [0.0_f64; 6];
-        for y in inside.y[0]..inside.y[1] {
-            for (weight, (a, b)) in rows(y) {
-                let (weight, a, b) = (f64::from(*weight), f64::from(*a) - near, f64::from(*b) - near);
-                w += weight;
-                sa += weight * a;
-                sb += weight * b;
-                saa += weight * a * a;
-                sbb += weight * b * b;
-                sab += weight * a * b;
-            }
-        }
-        if w <= 0.0 {
+    /// Of two padded patches under weights that are zero outside of `part`; `None` when no weight is left.
+    pub fn of(
+        instructions: Instructions,
+        window: Window,
+        part: Part,
+        weights: &[f32],
+        a: &[f32],
+        b: &[f32],
+    ) -> Option<Self> {
+        let [weight, sum_a, sum_b] = sums(instructions, window, part, weights, a, b);
+        if weight <= 0.0 {
             return None;
         }
-        let (mean_a, mean_b) = (sa / w, sb / w);
-        Some(Self {
-            mean_a: mean_a + near,
-            mean_b: mean_b + near,
-            var_a: (saa / w - mean_a * mean_a).max(0.0),
-            var_b: (sbb / w - mean_b * mean_b).max(0.0),
-            cov: sab / w - mean_a * mean_b,
-        })
+        let (mean_a, mean_b) = (sum_a / weight, sum_b / weight);
+        let means = [mean_a as f32, mean_b as f32];
+        let [var_a, var_b, cov] = squares(instructions, window, part, weights, a, b, means).map(|s| s / weight);
+        Some(Self { mean_a, mean_b, var_a, var_b, cov })
     }
 
     /// Normalised cross-correlation, −1 (inverted) … 0 (unrelated) … 1; `None` when a patch is flat.
@@ -94,10 +81,60 @@ impl Moments {
     }
 }
 
+wide! {
+    /// Σ w·[1, a, b].
+    fn sums(window: Window, part: Part, weights: &[f32], a: &[f32], b: &[f32]) -> [f64; 3] {
+        let mut sums = [[0.0_f32; LANES]; 3];
+        for y in part.first..part.end {
+            for x in part.vectors() {
+                let weight = lanes(weights, y * window.stride() + x);
+                let at = (y + 1) * window.padded_stride() + x + 1;
+                let (a, b) = (lanes(a, at), lanes(b, at));
+                for k in 0..LANES {
+                    sums[0][k] += weight[k];
+                    sums[1][k] += weight[k] * a[k];
+                    sums[2][k] += weight[k] * b[k];
+                }
+            }
+        }
+        sums.map(|lanes| total(&lanes))
+    }
+}
+
+wide! {
+    /// Σ w·[a², b², a·b] about means.
+    #[expect(clippy::too_many_arguments, reason = "a kernel: plain buffers")]
+    fn squares(
+        window: Window,
+        part: Part,
+        weights: &[f32],
+        a: &[f32],
+        b: &[f32],
+        means: [f32; 2],
+    ) -> [f64; 3] {
+        let mut sums = [[0.0_f32; LANES]; 3];
+        for y in part.first..part.end {
+            for x in part.vectors() {
+                let weight = lanes(weights, y * window.stride() + x);
+                let at = (y + 1) * window.padded_stride() + x + 1;
+                let (a, b) = (lanes(a, at), lanes(b, at));
+                for k in 0..LANES {
+                    let (a, b) = (a[k] - means[0], b[k] - means[1]);
+                    sums[0][k] += weight[k] * a * a;
+                    sums[1][k] += weight[k] * b * b;
+                    sums[2][k] += weight[k] * a * b;
+                }
+            }
+        }
+        sums.map(|lanes| total(&lanes))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gaussian::window_weights;
+    use crate::gaussian::Weights;
+    use crate::template::Template;
 
     const SIDE: usize = 20;
 
@@ -112,7 +149,12 @@ mod tests {
     }
 
     fn moments(a: &[f32], b: &[f32], sigma_px: f64) -> Moments {
-        Moments::of(&window_weights(SIDE, sigma_px), SIDE, Inside::all(SIDE), a, b).unwrap()
+        let weights = Weights::new(SIDE, sigma_px);
+        let [a, b] = [a, b].map(|pixels| Template::from_pixels(SIDE, pixels, None).padded);
+        let of = |set| Moments::of(set, weights.window, weights.part, weights.whole(), &a, &b).unwrap();
+        let [plain, widest] = [Instructions::PLAIN, Instructions::widest()].map(of);
+        assert_eq!(plain, widest);
+        plain
     }
 
     #[test]

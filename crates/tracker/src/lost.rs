@@ -8,6 +8,7 @@ use crate::search::{PEAKS, Peaks};
 use crate::shaft;
 use crate::tracker::{Context, View, add, distance};
 use crate::warp::Placement;
+use crate::window::LANES;
 
 /// The near search begins this far about the last tip …
 const NEAR_PX: f64 = 12.0;
@@ -129,8 +130,8 @@ impl Tracker {
         if self.belief.confirmed >= self.settings.confirmation_images {
             // Other peaks may have been sampled since.
             let reach = self.scoring_reach();
-            self.region.fill_about(image, &self.taps, found.at_px, reach);
-            if self.registrar.sample(&self.region, found.at_px).is_ok() {
+            self.region.fill_about(self.registrar.instructions, image, &self.taps, found.at_px, reach);
+            if self.registrar.sample(&self.region, &Placement::at(found.at_px)).is_ok() {
                 self.resume(found.at_px, median);
                 reason = Reason::Ok;
             }
@@ -162,9 +163,9 @@ impl Tracker {
         iterations: &mut u32,
     ) -> Option<Scored> {
         let reach = self.scoring_reach();
-        self.region.fill_about(image, &self.taps, peak_px, reach);
+        self.region.fill_about(self.registrar.instructions, image, &self.taps, peak_px, reach);
         let start_px = self.refine(peak_px)?;
-        let inside = self.registrar.sample(&self.region, start_px).ok()?;
+        let inside = self.registrar.sample(&self.region, &Placement::at(start_px)).ok()?;
         let rejected = sought.scored(start_px, self.view(inside, sought.median), None, false);
 
         let change = self.change(&self.anchor, sought.median);
@@ -177,7 +178,7 @@ impl Tracker {
         };
         *iterations += end.iterations;
         let at_px = end.place.centre_px;
-        let Ok(inside) = self.registrar.sample_warped(&self.region, &end.place) else {
+        let Ok(inside) = self.registrar.sample(&self.region, &end.place) else {
             return Some(rejected);
         };
         let view = self.view(inside, sought.median);
@@ -200,9 +201,12 @@ impl Tracker {
         for dv in -REFINE_PX..=REFINE_PX {
             for du in -REFINE_PX..=REFINE_PX {
                 let at = add(peak_px, [f64::from(du), f64::from(dv)]);
-                let Ok(inside) = self.registrar.sample(&self.region, at) else { continue };
-                let (weights, patch) = (&self.registrar.weights, &self.registrar.patch);
-                let moments = Moments::of(weights, self.anchor.side, inside, patch, &self.anchor.padded);
+                let Ok(inside) = self.registrar.sample(&self.region, &Placement::at(at)) else { continue };
+                let registrar = &mut self.registrar;
+                let (window, part) = (registrar.window, registrar.weights.part);
+                let (weights, patch) = (registrar.weights.within(inside), &registrar.patch);
+                let moments =
+                    Moments::of(registrar.instructions, window, part, weights, patch, &self.anchor.padded);
                 let Some(ncc) = moments.and_then(|m| m.ncc()) else { continue };
                 if best.is_none_or(|(highest, _)| ncc > highest) {
                     best = Some((ncc, at));
@@ -214,6 +218,7 @@ impl Tracker {
 
     /// Half-side of the region in which one place is scored; never beyond that of tracking.
     fn scoring_reach(&self) -> usize {
-        self.anchor.side / 2 + 3 + REFINE_PX as usize + 2 * MAX_MOVE_PX as usize
+        let part = self.registrar.weights.part;
+        (part.end - part.first) / 2 + LANES + 3 + REFINE_PX as usize + 2 * MAX_MOVE_PX as usize
     }
 }

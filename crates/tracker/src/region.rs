@@ -1,8 +1,13 @@
 use core::ops::Range;
 
+use sonoloop_simd::{Instructions, wide};
 use sonoloop_types::Image;
 
 use crate::warp::Placement;
+use crate::window::{LANES, Part, Window, lanes};
+
+/// Values after the last row: a vector that begins inside may end beyond it.
+const SLACK: usize = 2 * LANES;
 
 /// A rectangle of a picture as blurred grey levels, in which patches are sampled.
 ///
@@ -15,7 +20,7 @@ pub(crate) struct Region {
     pub origin: [i64; 2],
     /// Columns and rows.
     pub size: [usize; 2],
-    /// Grey levels, row by row.
+    /// Grey levels, row by row, and some values more.
     pub grey: Vec<f32>,
     /// Size of the whole picture in (scaled) pixels.
     pub picture: [usize; 2],
@@ -42,99 +47,96 @@ impl Inside {
 
 impl Region {
     /// Fills the region with the blurred rectangle of `size` pixels from `origin` on.
-    pub fn fill(&mut self, image: &Image, taps: &[f32], scale: usize, origin: [i64; 2], size: [usize; 2]) {
+    pub fn fill(
+        &mut self,
+        instructions: Instructions,
+        image: &Image,
+        taps: &[f32],
+        scale: usize,
+        origin: [i64; 2],
+        size: [usize; 2],
+    ) {
         let [width, height] = size;
         let radius = taps.len() / 2;
         self.origin = origin;
         self.size = size;
         self.picture = [image.width_px as usize / scale, image.height_px as usize / scale];
-        // `resize` keeps old values; every one of them is overwritten below.
-        self.grey.resize(width * height, 0.0);
+        // `resize` keeps old values; those of the rectangle are overwritten below.
+        self.grey.resize(width * height + SLACK, 0.0);
         self.rows.resize(width * (height + 2 * radius), 0.0);
         self.line.resize(width + 2 * radius, 0.0);
         for (k, out) in self.rows.chunks_exact_mut(width).enumerate() {
             let v = origin[1] + k as i64 - radius as i64;
-            read_line(image, scale, self.picture, origin[0] - radius as i64, v, &mut self.line);
-            convolve(taps, |tap| &self.line[tap..], out);
+            let line = if radius == 0 { &mut *out } else { &mut self.line[..] };
+            read_line(image, scale, self.picture, origin[0] - radius as i64, v, line);
+            if radius > 0 {
+                convolve(instructions, taps, &self.line, 1, out);
+            }
         }
-        for (y, out) in self.grey.chunks_exact_mut(width).enumerate() {
-            convolve(taps, |tap| &self.rows[(y + tap) * width..], out);
+        for (y, out) in self.grey[..width * height].chunks_exact_mut(width).enumerate() {
+            convolve(instructions, taps, &self.rows[y * width..], width, out);
         }
     }
 
     /// Fills the region with the square of half-side `reach` about a point of the (unscaled) picture.
-    pub fn fill_about(&mut self, image: &Image, taps: &[f32], centre_px: [f64; 2], reach: usize) {
+    pub fn fill_about(
+        &mut self,
+        instructions: Instructions,
+        image: &Image,
+        taps: &[f32],
+        centre_px: [f64; 2],
+        reach: usize,
+    ) {
         let origin = centre_px.map(|c| whole(c) - reach as i64);
-        self.fill(image, taps, 1, origin, [2 * reach + 1; 2]);
+        self.fill(instructions, image, taps, 1, origin, [2 * reach + 1; 2]);
     }
 
-    /// Bilinear patch of `side + 2` pixels, centred on a point of the picture: the template's window and one more
-    /// pixel all around for its gradient. `None` when the patch leaves the region.
-    pub fn sample(&self, centre_px: [f64; 2], side: usize, patch: &mut [f32]) -> Option<Inside> {
-        let padded = side + 2;
-        let first = centre_px.map(|c| c - (side as f64 - 1.0) / 2.0 - 1.0);
-        if !first.iter().all(|f| f.is_finite() && f.abs() < 1e9) {
-            return None;
-        }
-        let floor = first.map(|f| libm::floor(f) as i64);
-        let [fu, fv] = [first[0] - floor[0] as f64, first[1] - floor[1] as f64];
-        let x = usize::try_from(floor[0] - self.origin[0]).ok()?;
-        let y = usize::try_from(floor[1] - self.origin[1]).ok()?;
-        if x + padded + 1 > self.size[0] || y + padded + 1 > self.size[1] {
-            return None;
-        }
-        let weights =
-            [(1.0 - fu) * (1.0 - fv), fu * (1.0 - fv), (1.0 - fu) * fv, fu * fv].map(|weight| weight as f32);
-        for (k, out) in patch.chunks_exact_mut(padded).enumerate() {
-            let upper = &self.grey[(y + k) * self.size[0] + x..][..padded + 1];
-            let lower = &self.grey[(y + k + 1) * self.size[0] + x..][..padded + 1];
-            for (i, out) in out.iter_mut().enumerate() {
-                *out = weights[0] * upper[i]
-                    + weights[1] * upper[i + 1]
-                    + weights[2] * lower[i]
-                    + weights[3] * lower[i + 1];
-            }
-        }
-        Some(self.inside_picture(centre_px, side))
-    }
-
-    /// The same through a warp: the pixel at (x, y) of the centred template is read at c + A·(x, y).
-    pub fn sample_warped(&self, place: &Placement, side: usize, patch: &mut [f32]) -> Option<Inside> {
-        if place.is_translation() {
-            return self.sample(place.centre_px, side, patch);
-        }
-        let half = (side as f64 - 1.0) / 2.0;
-        let outermost = half + 1.0;
+    /// Bilinear patch through a warp: the pixel (x, y) of the centred template is read at c + A·(x, y).
+    ///
+    /// Fills `part` of the padded window and one more pixel around it for its gradient, and tells which of the window's
+    /// pixels lie inside the picture. `None` when the part leaves the region.
+    pub fn sample(
+        &self,
+        instructions: Instructions,
+        place: &Placement,
+        window: Window,
+        part: Part,
+        patch: &mut [f32],
+    ) -> Option<Inside> {
+        let half = window.half_px();
+        // Centred coordinates of the first and last padded column and row; columns begin with a whole vector.
+        let first = [part.first_vector() as f64, part.first as f64].map(|k| k - 1.0 - half);
+        let last = part.end as f64 - half;
         let relative = |at: [f64; 2]| [0, 1].map(|axis| at[axis] - self.origin[axis] as f64);
-        let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
-            .map(|sign: [f64; 2]| relative(place.map(sign.map(|s| s * outermost))));
-        // All taps lie between the corners; written so that NaN fails.
-        let last = self.size.map(|size| size as f64 - 2.0);
-        if !corners.iter().all(|c| c[0] >= 0.0 && c[1] >= 0.0 && c[0] < last[0] && c[1] < last[1]) {
+        let corners = [[first[0], first[1]], [last, first[1]], [first[0], last], [last, last]];
+        // All taps lie between the corners' ones; written so that NaN fails.
+        let beyond = self.size.map(|size| size as f64 - 1.0);
+        let is_within = |[u, v]: [f64; 2]| u >= 0.0 && v >= 0.0 && u < beyond[0] && v < beyond[1];
+        if !corners.iter().all(|corner| is_within(relative(place.map(*corner)))) {
             return None;
         }
-        let [[xx, _], [yx, _]] = place.linear.map(|row| row.map(|v| v as f32));
-        let width = self.size[0];
-        for (k, out) in patch.chunks_exact_mut(side + 2).enumerate() {
-            let [u, v] = relative(place.map([-outermost, k as f64 - outermost])).map(|c| c as f32);
-            for (i, out) in out.iter_mut().enumerate() {
-                // Rounding may leave the corner by a hair.
-                let (u, v) = ((u + xx * i as f32).max(0.0), (v + yx * i as f32).max(0.0));
-                let (column, row) = (u as usize, v as usize);
-                let (fu, fv) = (u - column as f32, v - row as f32);
-                let first = row * width + column;
-                let (upper, lower) =
-                    (&self.grey[first..first + 2], &self.grey[first + width..first + width + 2]);
-                let above = upper[0] + fu * (upper[1] - upper[0]);
-                let below = lower[0] + fu * (lower[1] - lower[0]);
-                *out = above + fv * (below - above);
-            }
+        let [width, height] = self.size;
+        let stride = window.padded_stride();
+        let rows = part.first..part.end + 2;
+        let vectors = part.first_vector()..part.end + 2;
+        let origin = relative(place.map(first));
+        if place.is_translation() {
+            let [u, v] = origin.map(libm::floor);
+            let fraction = [origin[0] - u, origin[1] - v].map(|f| f as f32);
+            let start = v as usize * width + u as usize;
+            sample_moved(instructions, &self.grey[start..], width, fraction, rows, vectors, stride, patch);
+            Some(self.inside_moved(place.centre_px, window.side))
+        } else {
+            let [[xx, xy], [yx, yy]] = place.linear;
+            let last = [width, height].map(|size| size as f32 - 2.0);
+            let lattice = Lattice { origin, along: [xx as f32, yx as f32], down: [xy, yy], last };
+            sample_lattice(instructions, &self.grey, width, &lattice, rows, vectors, stride, patch);
+            Some(self.inside_warped(place, window.side))
         }
-        Some(self.inside_picture_warped(place, side))
     }
 
     /// Columns whose u lies inside the picture in every row, and rows whose v does in every column.
-    fn inside_picture_warped(&self, place: &Placement, side: usize) -> Inside {
+    fn inside_warped(&self, place: &Placement, side: usize) -> Inside {
         let half = (side as f64 - 1.0) / 2.0;
         let range = |axis: usize| {
             let last = self.picture[axis] as f64 - 1.0;
@@ -152,7 +154,7 @@ impl Region {
         Inside { x: range(0), y: range(1) }
     }
 
-    fn inside_picture(&self, centre_px: [f64; 2], side: usize) -> Inside {
+    fn inside_moved(&self, centre_px: [f64; 2], side: usize) -> Inside {
         let first = centre_px.map(|c| c - (side as f64 - 1.0) / 2.0 - 1.0);
         let range = |axis: usize| {
             let start = first[axis] + 1.0;
@@ -174,6 +176,12 @@ fn read_line(image: &Image, scale: usize, picture: [usize; 2], first: i64, v: i6
     let last = picture[0] as i64 - 1;
     if scale == 1 {
         let row = image.row(v as u32);
+        if first >= 0 && first + line.len() as i64 - 1 <= last {
+            for (out, level) in line.iter_mut().zip(&row[first as usize..]) {
+                *out = f32::from(*level);
+            }
+            return;
+        }
         for (k, out) in line.iter_mut().enumerate() {
             *out = f32::from(row[(first + k as i64).clamp(0, last) as usize]);
         }
@@ -220,11 +228,120 @@ fn add_pixels<const SCALE: usize>(row: &[u8], line: &mut [f32]) {
     }
 }
 
-fn convolve<'a>(taps: &[f32], shifted: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-    out.fill(0.0);
-    for (tap, weight) in taps.iter().enumerate() {
-        for (out, value) in out.iter_mut().zip(shifted(tap)) {
-            *out += weight * value;
+wide! {
+    /// Adds up `taps` values that lie `step` apart, for every value of `out`.
+    fn convolve(taps: &[f32], values: &[f32], step: usize, out: &mut [f32]) {
+        let (vectors, rest) = out.as_chunks_mut::<LANES>();
+        let first = vectors.len() * LANES;
+        for (k, out) in vectors.iter_mut().enumerate() {
+            let mut sums = [0.0; LANES];
+            for (tap, weight) in taps.iter().enumerate() {
+                for (sum, value) in sums.iter_mut().zip(lanes(values, k * LANES + tap * step)) {
+                    *sum += weight * value;
+                }
+            }
+            *out = sums;
+        }
+        for (k, out) in rest.iter_mut().enumerate() {
+            let mut sum = 0.0;
+            for (tap, weight) in taps.iter().enumerate() {
+                sum += weight * values[first + k + tap * step];
+            }
+            *out = sum;
+        }
+    }
+}
+
+wide! {
+    /// Patch of a template that has only been moved: four constant weights. `grey` begins at the first pixel's first tap.
+    #[expect(clippy::too_many_arguments, reason = "a kernel: plain buffers and where to begin")]
+    fn sample_moved(
+        grey: &[f32],
+        width: usize,
+        fraction: [f32; 2],
+        rows: Range<usize>,
+        columns: Range<usize>,
+        stride: usize,
+        patch: &mut [f32],
+    ) {
+        let [fu, fv] = fraction;
+        let weights = [(1.0 - fu) * (1.0 - fv), fu * (1.0 - fv), (1.0 - fu) * fv, fu * fv];
+        for (k, y) in rows.enumerate() {
+            for (i, x) in columns.clone().step_by(LANES).enumerate() {
+                let at = k * width + i * LANES;
+                let (upper, lower) = (&grey[at..at + LANES + 1], &grey[at + width..at + width + LANES + 1]);
+                let out = &mut patch[y * stride + x..][..LANES];
+                for lane in 0..LANES {
+                    out[lane] = weights[0] * upper[lane]
+                        + weights[1] * upper[lane + 1]
+                        + weights[2] * lower[lane]
+                        + weights[3] * lower[lane + 1];
+                }
+            }
+        }
+    }
+}
+
+/// Where the pixels of a warped patch are read, in the region's pixels.
+struct Lattice {
+    /// The first pixel of the first row.
+    origin: [f64; 2],
+    /// From one pixel of a row to the next, and from one row to the next.
+    along: [f32; 2],
+    down: [f64; 2],
+    /// Pixels right of and below this have no further neighbour.
+    last: [f32; 2],
+}
+
+/// 2²³: adding it to a smaller non-negative number rounds that to a whole one, which then is the sum's lower bits.
+const WHOLE: f32 = 8_388_608.0;
+
+wide! {
+    /// Patch of a template that has been turned, sheared or scaled.
+    #[expect(clippy::too_many_arguments, reason = "a kernel: plain buffers and where to begin")]
+    fn sample_lattice(
+        grey: &[f32],
+        width: usize,
+        lattice: &Lattice,
+        rows: Range<usize>,
+        columns: Range<usize>,
+        stride: usize,
+        patch: &mut [f32],
+    ) {
+        let [along_u, along_v] = lattice.along;
+        let [last_u, last_v] = lattice.last;
+        let row_pitch = width as f32;
+        for (k, y) in rows.enumerate() {
+            let [u0, v0] =
+                [0, 1].map(|axis| (lattice.origin[axis] + k as f64 * lattice.down[axis]) as f32);
+            for (i, x) in columns.clone().step_by(LANES).enumerate() {
+                let [mut first, mut fu, mut fv] = [[0.0_f32; LANES]; 3];
+                for lane in 0..LANES {
+                    let step = (i * LANES + lane) as f32;
+                    // Lanes beyond the row's end may lie anywhere; rounding may leave the corners by a hair.
+                    let u = (u0 + step * along_u).max(0.0).min(last_u);
+                    let v = (v0 + step * along_v).max(0.0).min(last_v);
+                    // The nearest whole number to u − ½ is u's floor, or one less with a fraction of one.
+                    let column = (((u - 0.5).max(0.0) + WHOLE) - WHOLE).min(last_u);
+                    let row = (((v - 0.5).max(0.0) + WHOLE) - WHOLE).min(last_v);
+                    fu[lane] = u - column;
+                    fv[lane] = v - row;
+                    first[lane] = row * row_pitch + column + WHOLE;
+                }
+                let [mut a, mut b, mut c, mut d] = [[0.0_f32; LANES]; 4];
+                for lane in 0..LANES {
+                    let at = (first[lane].to_bits() - WHOLE.to_bits()) as usize;
+                    let taps = &grey[at..at + width + 2];
+                    (a[lane], b[lane]) = (taps[0], taps[1]);
+                    (c[lane], d[lane]) = (taps[width], taps[width + 1]);
+                }
+                let out = &mut patch[y * stride + x..][..LANES];
+                for lane in 0..LANES {
+                    let above = a[lane] + fu[lane] * (b[lane] - a[lane]);
+                    let below = c[lane] + fu[lane] * (d[lane] - c[lane]);
+                    out[lane] = above + fv[lane] * (below - above);
+                }
+            }
         }
     }
 }
@@ -243,12 +360,25 @@ mod tests {
         .unwrap()
     }
 
+    const WINDOW: Window = Window { side: 8 };
+    const ALL: Part = Part { first: 0, end: 8 };
+
+    fn about(image: &Image, taps: &[f32], centre_px: [f64; 2], reach: usize) -> Region {
+        let mut region = Region::default();
+        region.fill_about(Instructions::widest(), image, taps, centre_px, reach);
+        region
+    }
+
+    fn patch(region: &Region, place: &Placement) -> Option<(Inside, Vec<f32>)> {
+        let mut patch = vec![0.0; WINDOW.padded_len()];
+        let inside = region.sample(Instructions::widest(), place, WINDOW, ALL, &mut patch)?;
+        Some((inside, WINDOW.pixels(&patch).collect()))
+    }
+
     #[test]
     fn truth_blur_and_bilinear_sampling_keep_a_ramp() {
-        let mut region = Region::default();
-        region.fill_about(&ramp(), &blur_taps(1.5), [20.3, 14.6], 9);
-        let mut patch = [0.0; 100];
-        let inside = region.sample([20.3, 14.6], 8, &mut patch).unwrap();
+        let region = about(&ramp(), &blur_taps(1.5), [20.3, 14.6], 9);
+        let (inside, patch) = patch(&region, &Placement::at([20.3, 14.6])).unwrap();
         assert_eq!(inside, Inside::all(8));
         for y in 0..10 {
             for x in 0..10 {
@@ -260,47 +390,60 @@ mod tests {
 
     #[test]
     fn truth_warped_sampling_keeps_a_ramp() {
-        let mut region = Region::default();
-        region.fill_about(&ramp(), &[1.0], [20.0, 15.0], 14);
+        let region = about(&ramp(), &[1.0], [20.0, 15.0], 14);
         let place = Placement { centre_px: [20.3, 14.6], linear: [[0.9, -0.3], [0.25, 1.1]] };
-        let mut patch = [0.0; 100];
-        let inside = region.sample_warped(&place, 8, &mut patch).unwrap();
+        let (inside, warped) = patch(&region, &place).unwrap();
         assert_eq!(inside, Inside::all(8));
         for y in 0..10 {
             for x in 0..10 {
                 let [u, v] = place.map([x as f64 - 4.5, y as f64 - 4.5]);
-                assert!((f64::from(patch[y * 10 + x]) - (3.0 * u + 2.0 * v)).abs() < 1e-3);
+                assert!((f64::from(warped[y * 10 + x]) - (3.0 * u + 2.0 * v)).abs() < 1e-3);
             }
         }
-        // Through the identity it is the other way of sampling, to rounding.
-        let [mut plain, mut warped] = [[0.0; 100]; 2];
-        region.sample([20.3, 14.6], 8, &mut plain).unwrap();
-        let nearly = Placement { linear: [[1.0 + 1e-12, 0.0], [0.0, 1.0]], ..Placement::at([20.3, 14.6]) };
-        region.sample_warped(&nearly, 8, &mut warped).unwrap();
-        assert!(plain.iter().zip(&warped).all(|(a, b)| (a - b).abs() < 1e-3));
-        assert_eq!(region.sample_warped(&Placement { centre_px: [8.0, 14.6], ..place }, 8, &mut patch), None);
-        assert_eq!(
-            region.sample_warped(&Placement { centre_px: [f64::NAN, 0.0], ..place }, 8, &mut patch),
-            None
-        );
+        // Through the identity it is the other way of sampling, to rounding; at whole pixels too.
+        for centre_px in [[20.3, 14.6], [20.5, 14.5], [20.0, 15.0]] {
+            let (_, plain) = patch(&region, &Placement::at(centre_px)).unwrap();
+            let nearly = Placement { linear: [[1.0 + 1e-12, 0.0], [0.0, 1.0]], ..Placement::at(centre_px) };
+            let (_, warped) = patch(&region, &nearly).unwrap();
+            assert!(plain.iter().zip(&warped).all(|(a, b)| (a - b).abs() < 1e-3));
+        }
+        assert_eq!(patch(&region, &Placement { centre_px: [8.0, 14.6], ..place }), None);
+        assert_eq!(patch(&region, &Placement { centre_px: [f64::NAN, 0.0], ..place }), None);
+    }
+
+    #[test]
+    fn a_part_is_what_the_whole_has_there() {
+        let region = about(&ramp(), &[1.0], [20.0, 15.0], 14);
+        let window = Window { side: 20 };
+        let (part, all) = (Part { first: 9, end: 11 }, Part { first: 0, end: 20 });
+        let turned = Placement { centre_px: [20.3, 14.6], linear: [[0.9, -0.3], [0.25, 0.9]] };
+        for place in [Placement::at([20.3, 14.6]), turned] {
+            let [mut some, mut whole] = [(); 2].map(|()| vec![0.0; window.padded_len()]);
+            region.sample(Instructions::widest(), &place, window, part, &mut some).unwrap();
+            region.sample(Instructions::widest(), &place, window, all, &mut whole).unwrap();
+            for y in 9..13 {
+                for x in 9..13 {
+                    let at = y * window.padded_stride() + x;
+                    assert!((some[at] - whole[at]).abs() < 1e-4 && some[at] > 0.0);
+                }
+            }
+        }
     }
 
     #[test]
     fn what_lies_beyond_the_edge_is_named() {
-        let mut region = Region::default();
-        region.fill_about(&ramp(), &[1.0], [0.0, 29.0], 9);
-        let mut patch = [0.0; 100];
-        let inside = region.sample([0.0, 29.0], 8, &mut patch).unwrap();
+        let region = about(&ramp(), &[1.0], [0.0, 29.0], 9);
+        let (inside, _) = patch(&region, &Placement::at([0.0, 29.0])).unwrap();
         // Columns at −3.5 … 3.5 and rows at 25.5 … 32.5.
         assert_eq!(inside, Inside { x: [4, 8], y: [0, 4] });
-        assert_eq!(region.sample([12.0, 29.0], 8, &mut patch), None);
-        assert_eq!(region.sample([f64::NAN, 29.0], 8, &mut patch), None);
+        assert_eq!(patch(&region, &Placement::at([12.0, 29.0])), None);
+        assert_eq!(patch(&region, &Placement::at([f64::NAN, 29.0])), None);
     }
 
     #[test]
     fn truth_scaled_pixels_are_block_means() {
         let mut region = Region::default();
-        region.fill(&ramp(), &[1.0], 2, [0, 0], [20, 15]);
+        region.fill(Instructions::widest(), &ramp(), &[1.0], 2, [0, 0], [20, 15]);
         // Mean of 3u + 2v over the block {2, 3} × {4, 5}.
         assert_eq!(region.grey[2 * 20 + 1], 3.0 * 2.5 + 2.0 * 4.5);
         assert_eq!(region.picture, [20, 15]);
@@ -318,8 +461,8 @@ mod tests {
             // Over every edge, and wholly outside on either side.
             for first_u in [-3, -60, 50] {
                 let size = [width as usize + 6, height as usize + 6];
-                region.fill(&ramp(), &[1.0], scale, [first_u, -3], size);
-                for (k, grey) in region.grey.iter().enumerate() {
+                region.fill(Instructions::widest(), &ramp(), &[1.0], scale, [first_u, -3], size);
+                for (k, grey) in region.grey[..size[0] * size[1]].iter().enumerate() {
                     let (u, v) = (first_u + (k % size[0]) as i64, (k / size[0]) as i64 - 3);
                     assert_eq!(*grey, mean(u, v), "scale {scale}, ({u}, {v})");
                 }

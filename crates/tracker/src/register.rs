@@ -4,13 +4,17 @@
 //! step is Δ = −H⁻¹ b. The factor −2 of the paper's (8) and the ½ of its mean gradient are the same thing. For a
 //! translation the compositional update of the warp is plain addition.
 
+use sonoloop_simd::Instructions;
 use sonoloop_types::{Optimisation, Profile, Reason, Similarity, TrackerSettings, Warp};
 
+use crate::gaussian::Weights;
 use crate::region::{Inside, Region};
 use crate::scv::Conditional;
-use crate::template::{Template, gradient, plain_row, window_row};
+use crate::sums::{Comparison, translation_sums};
+use crate::template::{Template, gradient};
 use crate::tracker::distance;
 use crate::warp::Placement;
+use crate::window::Window;
 
 /// Grey levels per pixel, rms: with less gradient than this there is nothing to hold on to.
 pub(crate) const MIN_GRADIENT: f64 = 0.02;
@@ -44,6 +48,7 @@ pub(crate) struct Failure {
 /// Settings and scratch of registrations over one window.
 #[derive(Debug, Clone)]
 pub(crate) struct Registrar {
+    pub(crate) instructions: Instructions,
     similarity: Similarity,
     order: Optimisation,
     /// SCV approaches by plain differences before it takes T̂; the paper takes T̂ at the guess, once per image.
@@ -51,10 +56,9 @@ pub(crate) struct Registrar {
     pub(crate) warp: Warp,
     pub(crate) max_iterations: u32,
     pub(crate) epsilon_px: f64,
-    pub(crate) side: usize,
-    /// Weights of the window, S² values.
-    pub weights: Vec<f32>,
-    /// The last patch sampled, (S + 2)² values.
+    pub(crate) window: Window,
+    pub weights: Weights,
+    /// The last patch sampled, padded.
     pub patch: Vec<f32>,
     adapted: Vec<f32>,
     adapted_u: Vec<f32>,
@@ -62,50 +66,42 @@ pub(crate) struct Registrar {
     conditional: Conditional,
 }
 
-/// What the image is compared with in one iteration.
-pub(crate) struct Reference<'a> {
-    pub padded: &'a [f32],
-    pub grad_u: &'a [f32],
-    pub grad_v: &'a [f32],
-    /// Added to the reference's grey levels: the change of the whole image.
-    pub change: f32,
-    /// Share of the reference's gradient in the mean gradient: ½ or 0.
-    pub share: f32,
-}
-
 impl Registrar {
     /// The approach ends after this many iterations anyhow.
     pub(crate) const MAX_APPROACH: u32 = 8;
 
-    pub fn new(settings: &TrackerSettings, weights: Vec<f32>) -> Self {
-        let side = settings.template_px as usize;
-        let padded = (side + 2) * (side + 2);
+    /// Registers over `warp` under Gaussian weights of σ `weight_sigma_px`, zero for uniform ones.
+    pub fn new(
+        instructions: Instructions,
+        settings: &TrackerSettings,
+        warp: Warp,
+        weight_sigma_px: f64,
+    ) -> Self {
+        let window = Window { side: settings.template_px as usize };
         Self {
+            instructions,
             similarity: settings.similarity,
             order: settings.optimisation,
             approach: settings.profile == Profile::Robust,
-            warp: settings.warp,
+            warp,
             max_iterations: settings.max_iterations,
             epsilon_px: settings.epsilon_px,
-            side,
-            weights,
-            patch: vec![0.0; padded],
-            adapted: vec![0.0; padded],
-            adapted_u: vec![0.0; side * side],
-            adapted_v: vec![0.0; side * side],
+            window,
+            weights: Weights::new(window.side, weight_sigma_px),
+            patch: vec![0.0; window.padded_len()],
+            adapted: vec![0.0; window.padded_len()],
+            adapted_u: vec![0.0; window.len()],
+            adapted_v: vec![0.0; window.len()],
             conditional: Conditional::new(settings.scv_bins),
         }
     }
 
-    /// Samples the patch about a point; `Err` when too little of it lies inside the picture or the region.
-    pub fn sample(&mut self, region: &Region, centre_px: [f64; 2]) -> Result<Inside, Reason> {
-        self.sample_warped(region, &Placement::at(centre_px))
-    }
-
-    /// The same through a warp.
-    pub fn sample_warped(&mut self, region: &Region, place: &Placement) -> Result<Inside, Reason> {
-        let inside = region.sample_warped(place, self.side, &mut self.patch).ok_or(Reason::Diverged)?;
-        if 2 * inside.count() < self.side * self.side { Err(Reason::OutOfImage) } else { Ok(inside) }
+    /// Samples the patch at a placement; `Err` when too little of it lies inside the picture or the region.
+    pub fn sample(&mut self, region: &Region, place: &Placement) -> Result<Inside, Reason> {
+        let (window, part) = (self.window, self.weights.part);
+        let inside = region.sample(self.instructions, place, window, part, &mut self.patch);
+        let inside = inside.ok_or(Reason::Diverged)?;
+        if 2 * inside.count() < window.side * window.side { Err(Reason::OutOfImage) } else { Ok(inside) }
     }
 
     /// Finds `template` in `region`, from `start` on; `change` is Δ, how much brighter the image has become.
@@ -117,7 +113,7 @@ impl Registrar {
         start: Placement,
     ) -> Result<Registration, Failure> {
         match self.warp {
-            Warp::Translation => self.run_moved(region, template, change, start.centre_px),
+            Warp::Translation => self.run_moved(region, template, change, start),
             Warp::Rigid | Warp::Affine => self.run_warped(region, template, change, start),
         }
     }
@@ -141,164 +137,72 @@ impl Registrar {
         region: &Region,
         template: &Template,
         change: f32,
-        start_px: [f64; 2],
+        start: Placement,
     ) -> Result<Registration, Failure> {
-        let mut at = start_px;
-        let scv = self.similarity == Similarity::Scv;
-        let mut approaching = scv && self.approach;
+        let mut place = start;
+        let mut approaching = self.approaches();
         let mut adapted_at: Option<[f64; 2]> = None;
         let mut conditioning = 0.0;
         for iteration in 1..=self.max_iterations {
             let fail = |reason| Failure { reason, iterations: iteration };
-            let inside = self.sample(region, at).map_err(fail)?;
+            let inside = self.sample(region, &place).map_err(fail)?;
+            let at = place.centre_px;
             let stale = adapted_at.is_none_or(|then| self.approach && distance(at, then) > NEAR_PX);
-            if scv && !approaching && stale {
+            if self.is_conditional() && !approaching && stale {
                 self.adapt(template, inside);
                 adapted_at = Some(at);
             }
-            let sums = self.accumulate(&self.reference(template, change, adapted_at.is_some()), inside);
+            let comparison = self.comparison(template, change, adapted_at.is_some(), inside);
+            let sums = translation_sums(comparison.0, &comparison.1);
             let (step, ratio) = solve(sums).ok_or_else(|| fail(Reason::Singular))?;
             let length = (step[0] * step[0] + step[1] * step[1]).sqrt();
-            if length.is_nan() || length > self.side as f64 / 2.0 {
+            if length.is_nan() || length > self.window.side as f64 / 2.0 {
                 return Err(fail(Reason::Diverged));
             }
-            at = [at[0] + step[0], at[1] + step[1]];
+            place = place.compose([step, [0.0; 2], [0.0; 2]]);
             conditioning = ratio;
             if approaching {
                 approaching = length >= NEAR_PX && iteration < Self::MAX_APPROACH;
             } else if length < self.epsilon_px {
-                let place = Placement::at(at);
                 return Ok(Registration { place, iterations: iteration, conditioning });
             }
         }
-        Ok(Registration { place: Placement::at(at), iterations: self.max_iterations, conditioning })
+        Ok(Registration { place, iterations: self.max_iterations, conditioning })
     }
 
     pub(crate) fn adapt(&mut self, template: &Template, inside: Inside) {
-        let (weights, side) = (&self.weights, self.side);
-        self.conditional.adapt(weights, side, inside, &template.padded, &self.patch, &mut self.adapted);
-        gradient(&self.adapted, side, &mut self.adapted_u, &mut self.adapted_v);
+        let part = self.weights.part;
+        let weights = self.weights.within(inside);
+        self.conditional.adapt(weights, self.window, part, &template.padded, &self.patch, &mut self.adapted);
+        gradient(&self.adapted, self.window, &mut self.adapted_u, &mut self.adapted_v);
     }
 
-    /// T̂ once it is `adapted`, else T itself with its grey levels shifted by the image's change.
-    pub(crate) fn reference<'a>(
-        &'a self,
+    /// The patch against T̂ once it is `adapted`, else against T itself with its grey levels shifted by the image's change.
+    pub(crate) fn comparison<'a>(
+        &'a mut self,
         template: &'a Template,
         change: f32,
         adapted: bool,
-    ) -> Reference<'a> {
-        let share = if self.order == Optimisation::SecondOrder { 0.5 } else { 0.0 };
-        if adapted {
-            let [padded, grad_u, grad_v] = [&self.adapted[..], &self.adapted_u, &self.adapted_v];
-            Reference { padded, grad_u, grad_v, change: 0.0, share }
-        } else {
-            let [padded, grad_u, grad_v] = [&template.padded[..], &template.grad_u, &template.grad_v];
-            Reference { padded, grad_u, grad_v, change, share }
-        }
-    }
-
-    /// Σ w·[1, g_u², g_u g_v, g_v², e g_u, e g_v].
-    fn accumulate(&self, reference: &Reference, inside: Inside) -> [f64; 6] {
-        let side = self.side;
-        let mut totals = [[0.0_f32; LANES]; 6];
-        for y in inside.y[0]..inside.y[1] {
-            Row::new(&self.weights, &self.patch, side, reference, y, inside).add(&mut totals);
-        }
-        totals.map(|lanes| lanes.iter().map(|lane| f64::from(*lane)).sum())
-    }
-}
-
-/// Sums run in this many lanes, in an order that no CPU changes.
-pub(crate) const LANES: usize = 4;
-
-/// One row of the window, cut to what lies inside the picture.
-pub(crate) struct Row<'a> {
-    weight: &'a [f32],
-    above: &'a [f32],
-    /// Begins one pixel to the left of the others.
-    here: &'a [f32],
-    below: &'a [f32],
-    wanted: &'a [f32],
-    grad_u: &'a [f32],
-    grad_v: &'a [f32],
-    change: f32,
-    share: f32,
-}
-
-/// What an iteration needs of N pixels: weight, gradient along u and v, residual e.
-pub(crate) struct Pixels<const N: usize> {
-    pub weight: [f32; N],
-    pub gu: [f32; N],
-    pub gv: [f32; N],
-    pub e: [f32; N],
-}
-
-impl<'a> Row<'a> {
-    pub fn new(
-        weights: &'a [f32],
-        patch: &'a [f32],
-        side: usize,
-        reference: &Reference<'a>,
-        y: usize,
         inside: Inside,
-    ) -> Self {
-        Self {
-            weight: plain_row(weights, side, y, inside),
-            above: &patch[y * (side + 2) + 1 + inside.x[0]..],
-            here: &patch[(y + 1) * (side + 2) + inside.x[0]..],
-            below: &patch[(y + 2) * (side + 2) + 1 + inside.x[0]..],
-            wanted: window_row(reference.padded, side, y, inside),
-            grad_u: plain_row(reference.grad_u, side, y, inside),
-            grad_v: plain_row(reference.grad_v, side, y, inside),
-            change: reference.change,
-            share: reference.share,
-        }
-    }
-
-    pub fn width(&self) -> usize {
-        self.weight.len()
-    }
-
-    /// The pixels from `start` on.
-    #[inline(always)]
-    pub fn pixels<const N: usize>(&self, start: usize) -> Pixels<N> {
-        let [weight, above, below] = [self.weight, self.above, self.below].map(|row| &row[start..start + N]);
-        let [wanted, grad_u, grad_v] =
-            [self.wanted, self.grad_u, self.grad_v].map(|row| &row[start..start + N]);
-        let here = &self.here[start..start + N + 2];
-        let own = (1.0 - self.share) * 0.5;
-        let mut pixels = Pixels { weight: [0.0; N], gu: [0.0; N], gv: [0.0; N], e: [0.0; N] };
-        for k in 0..N {
-            pixels.weight[k] = weight[k];
-            pixels.gu[k] = own * (here[k + 2] - here[k]) + self.share * grad_u[k];
-            pixels.gv[k] = own * (below[k] - above[k]) + self.share * grad_v[k];
-            pixels.e[k] = here[k + 1] - (wanted[k] + self.change);
-        }
-        pixels
-    }
-
-    fn add(&self, totals: &mut [[f32; LANES]; 6]) {
-        let whole = self.width() - self.width() % LANES;
-        for start in (0..whole).step_by(LANES) {
-            self.add_lanes::<LANES>(start, totals);
-        }
-        for start in whole..self.width() {
-            self.add_lanes::<1>(start, totals);
-        }
-    }
-
-    #[inline(always)]
-    fn add_lanes<const N: usize>(&self, start: usize, totals: &mut [[f32; LANES]; 6]) {
-        let Pixels { weight, gu, gv, e } = self.pixels::<N>(start);
-        for k in 0..N {
-            let (wu, wv) = (weight[k] * gu[k], weight[k] * gv[k]);
-            totals[0][k] += weight[k];
-            totals[1][k] += wu * gu[k];
-            totals[2][k] += wu * gv[k];
-            totals[3][k] += wv * gv[k];
-            totals[4][k] += wu * e[k];
-            totals[5][k] += wv * e[k];
-        }
+    ) -> (Instructions, Comparison<'a>) {
+        let part = self.weights.part;
+        let [padded, grad_u, grad_v] = if adapted {
+            [&self.adapted[..], &self.adapted_u, &self.adapted_v]
+        } else {
+            [&template.padded[..], &template.grad_u, &template.grad_v]
+        };
+        let comparison = Comparison {
+            window: self.window,
+            part,
+            weights: self.weights.within(inside),
+            patch: &self.patch,
+            padded,
+            grad_u,
+            grad_v,
+            change: if adapted { 0.0 } else { change },
+            share: if self.order == Optimisation::SecondOrder { 0.5 } else { 0.0 },
+        };
+        (self.instructions, comparison)
     }
 }
 

@@ -1,27 +1,36 @@
 //! The adapted template of the sum of conditional variances, paper (9)–(11).
 
-use crate::region::Inside;
-use crate::template::{plain_row, window_row};
+use crate::window::{Part, Window};
 
 /// Most bins a setting may ask for.
 const MAX_BINS: usize = 256;
+/// Neighbouring pixels often fall into one bin; they are counted in turns in as many tables, so that none waits for another.
+const TABLES: usize = 4;
+
+/// Weight, weighted grey level of T and of P; the fourth is there to make a vector of it.
+type Bin = [f32; 4];
 
 /// Scratch of the conditional means.
 #[derive(Debug, Clone)]
 pub(crate) struct Conditional {
     bins: usize,
-    weight: [f64; MAX_BINS],
-    template: [f64; MAX_BINS],
-    image: [f64; MAX_BINS],
+    tables: [[Bin; MAX_BINS]; TABLES],
+    /// Which knot a bin went into.
+    knot_of: [u8; MAX_BINS],
+    /// Mean grey level of T at each knot.
+    knots: [f32; MAX_BINS],
+    /// T̂ between a knot and the next: level at T = 0, and slope.
+    lines: [[f32; 2]; MAX_BINS],
 }
 
 impl Conditional {
     pub fn new(bins: u32) -> Self {
         Self {
             bins: bins as usize,
-            weight: [0.0; MAX_BINS],
-            template: [0.0; MAX_BINS],
-            image: [0.0; MAX_BINS],
+            tables: [[[0.0; 4]; MAX_BINS]; TABLES],
+            knot_of: [0; MAX_BINS],
+            knots: [0.0; MAX_BINS],
+            lines: [[0.0; 2]; MAX_BINS],
         }
     }
 
@@ -34,118 +43,151 @@ impl Conditional {
     pub fn adapt(
         &mut self,
         weights: &[f32],
-        side: usize,
-        inside: Inside,
+        window: Window,
+        part: Part,
         template: &[f32],
         image: &[f32],
         adapted: &mut [f32],
     ) {
-        let (low, high) = template.iter().fold((f32::MAX, f32::MIN), |(l, h), g| (l.min(*g), h.max(*g)));
+        let row = |y: usize| {
+            let start = y * window.padded_stride();
+            start + part.first..start + part.end + 2
+        };
+        let rows = part.first..part.end + 2;
+        let ends = rows.clone().flat_map(|y| &template[row(y)]);
+        let (low, high) = ends.fold((f32::MAX, f32::MIN), |(l, h), g| (l.min(*g), h.max(*g)));
         let per_grey = self.bins as f32 / (high - low).max(1e-3);
-        for sums in [&mut self.weight, &mut self.template, &mut self.image] {
-            sums[..self.bins].fill(0.0);
+        let last = self.bins - 1;
+        // Grey levels of the template are not below the lowest.
+        let bin_of = |grey: f32| (((grey - low) * per_grey) as usize).min(last);
+        for table in &mut self.tables {
+            table[..self.bins].fill([0.0; 4]);
         }
-        for y in inside.y[0]..inside.y[1] {
-            let patches =
-                window_row(template, side, y, inside).iter().zip(window_row(image, side, y, inside));
-            for (weight, (t, p)) in plain_row(weights, side, y, inside).iter().zip(patches) {
-                let bin = (((t - low) * per_grey) as usize).min(self.bins - 1);
-                self.weight[bin] += f64::from(*weight);
-                self.template[bin] += f64::from(weight * t);
-                self.image[bin] += f64::from(weight * p);
+        for y in part.first..part.end {
+            let weights = &weights[y * window.stride()..][part.first..part.end];
+            let padded = row(y + 1);
+            let inner = padded.start + 1..padded.end - 1;
+            let (template, image) = (&template[inner.clone()], &image[inner]);
+            for (k, ((weight, t), p)) in weights.iter().zip(template).zip(image).enumerate() {
+                let bin = &mut self.tables[k % TABLES][bin_of(*t)];
+                for (sum, term) in bin.iter_mut().zip([*weight, weight * t, weight * p, 0.0]) {
+                    *sum += term;
+                }
             }
         }
-        let knots = self.merge();
-        for (out, t) in adapted.iter_mut().zip(template) {
-            *out = self.interpolate(knots, *t);
+        let knots = self.join();
+        for y in rows {
+            for (out, t) in adapted[row(y)].iter_mut().zip(&template[row(y)]) {
+                let knot = usize::from(self.knot_of[bin_of(*t)]);
+                // Left of its knot a grey level belongs to the line before; beyond the outer knots the lines go on.
+                let left = knot - usize::from(*t < self.knots[knot] && knot > 0);
+                let [level, slope] = self.lines[left.min(knots.saturating_sub(2))];
+                *out = level + slope * t;
+            }
         }
     }
 
-    /// Merges poor bins, turns sums into means, returns the number of bins left (at least one).
-    fn merge(&mut self) -> usize {
-        let total: f64 = self.weight[..self.bins].iter().sum();
-        let enough = 0.5 * total / self.bins as f64;
+    /// Merges poor bins into knots and draws the lines between these; returns their number (at least one).
+    fn join(&mut self) -> usize {
+        let [first, others @ ..] = &mut self.tables;
+        for table in others {
+            for (bin, more) in first[..self.bins].iter_mut().zip(table) {
+                for (sum, term) in bin.iter_mut().zip(more) {
+                    *sum += *term;
+                }
+            }
+        }
+        let bins = &first[..self.bins];
+        let total: f32 = bins.iter().map(|[weight, ..]| weight).sum();
+        let enough = 0.5 * total / self.bins as f32;
+        // Sums of each knot, over the bins' own places: there are never more knots than bins looked at.
+        let mut sums = [[0.0_f32; 3]; MAX_BINS];
         let mut knots = 0;
-        let [mut weight, mut template, mut image] = [0.0; 3];
-        for bin in 0..self.bins {
-            weight += self.weight[bin];
-            template += self.template[bin];
-            image += self.image[bin];
-            if weight >= enough {
-                (self.weight[knots], self.template[knots], self.image[knots]) = (weight, template, image);
+        for (bin, [weight, template, image, _]) in bins.iter().enumerate() {
+            for (sum, term) in sums[knots].iter_mut().zip([weight, template, image]) {
+                *sum += term;
+            }
+            self.knot_of[bin] = knots as u8;
+            if sums[knots][0] >= enough && sums[knots][0] > 0.0 {
                 knots += 1;
-                [weight, template, image] = [0.0; 3];
             }
         }
         if knots == 0 {
             knots = 1;
-            (self.weight[0], self.template[0], self.image[0]) = (weight, template, image);
-        } else {
+        } else if knots < self.bins {
             // What is left at the bright end joins the last rich bin.
-            self.weight[knots - 1] += weight;
-            self.template[knots - 1] += template;
-            self.image[knots - 1] += image;
+            let rest = sums[knots];
+            for (sum, term) in sums[knots - 1].iter_mut().zip(rest) {
+                *sum += term;
+            }
         }
-        for knot in 0..knots {
-            let weight = self.weight[knot].max(1e-12);
-            self.template[knot] /= weight;
-            self.image[knot] /= weight;
+        let last = (knots - 1) as u8;
+        self.knot_of[..self.bins].iter_mut().for_each(|knot| *knot = (*knot).min(last));
+        let mean = |[weight, template, image]: [f32; 3]| {
+            let weight = weight.max(1e-12);
+            [template / weight, image / weight]
+        };
+        for (knot, sums) in self.knots.iter_mut().zip(&sums[..knots]) {
+            *knot = mean(*sums)[0];
+        }
+        self.lines[0] = [mean(sums[0])[1], 0.0];
+        for (line, pair) in self.lines.iter_mut().zip(sums[..knots].windows(2)) {
+            let [[t, p], [next_t, next_p]] = [mean(pair[0]), mean(pair[1])];
+            let slope = if next_t - t > 1e-6 { (next_p - p) / (next_t - t) } else { 0.0 };
+            *line = [p - slope * t, slope];
         }
         knots
-    }
-
-    fn interpolate(&self, knots: usize, grey: f32) -> f32 {
-        if knots == 1 {
-            return self.image[0] as f32;
-        }
-        let grey = f64::from(grey);
-        let inner = &self.template[1..knots - 1];
-        let left = inner.iter().take_while(|knot| **knot <= grey).count();
-        let span = self.template[left + 1] - self.template[left];
-        let slope = if span > 1e-9 { (self.image[left + 1] - self.image[left]) / span } else { 0.0 };
-        // Beyond the outer bins' means the line goes on.
-        (self.image[left] + slope * (grey - self.template[left])) as f32
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gaussian::window_weights;
+    use crate::gaussian::Weights;
+    use crate::template::Template;
+
+    fn adapted(side: usize, sigma_px: f64, template: &[f32], image: &[f32]) -> Vec<f32> {
+        let weights = Weights::new(side, sigma_px);
+        let [template, image] = [template, image].map(|p| Template::from_pixels(side, p, None).padded);
+        let mut adapted = vec![0.0; template.len()];
+        let (window, part) = (weights.window, weights.part);
+        Conditional::new(16).adapt(weights.whole(), window, part, &template, &image, &mut adapted);
+        window.pixels(&adapted).collect()
+    }
 
     #[test]
     fn truth_a_linear_grey_change_is_absorbed_whole() {
-        let side = 20;
         let template: Vec<f32> = (0..22 * 22).map(|k| ((k * 37) % 200) as f32).collect();
         let image: Vec<f32> = template.iter().map(|t| 230.0 - 0.6 * t).collect();
-        let mut adapted = vec![0.0; template.len()];
-        Conditional::new(16).adapt(
-            &window_weights(side, 3.0),
-            side,
-            Inside::all(side),
-            &template,
-            &image,
-            &mut adapted,
-        );
-        for (a, i) in adapted.iter().zip(&image) {
-            assert!((a - i).abs() < 1e-2, "{a} {i}");
+        for sigma_px in [0.0, 3.0] {
+            for (a, i) in adapted(20, sigma_px, &template, &image).iter().zip(&image) {
+                assert!((a - i).abs() < 1e-2, "{a} {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn truth_two_grey_levels_become_their_means() {
+        // 10 where the template is dark, 90 where it is bright, and noise about both that averages out.
+        let template: Vec<f32> = (0..22 * 22).map(|k| if k % 3 == 0 { 200.0 } else { 50.0 }).collect();
+        let noise = |k: usize| [4.0, -4.0][k / 3 % 2];
+        let image: Vec<f32> =
+            template.iter().enumerate().map(|(k, t)| if *t > 100.0 { 90.0 } else { 10.0 } + noise(k)).collect();
+        let inner = |k: usize| (1..21).contains(&(k % 22)) && (1..21).contains(&(k / 22));
+        let mean = |bright: bool| {
+            let of = |k: &usize| inner(*k) && (template[*k] > 100.0) == bright;
+            let (sum, count) = (0..22 * 22).filter(of).fold((0.0, 0.0), |(s, n), k| (s + image[k], n + 1.0));
+            sum / count
+        };
+        for (a, t) in adapted(20, 0.0, &template, &image).iter().zip(&template) {
+            assert!((a - mean(*t > 100.0)).abs() < 1e-2, "{a}");
         }
     }
 
     #[test]
     fn a_flat_template_gives_the_mean_of_the_image() {
-        let side = 8;
         let image: Vec<f32> = (0..100).map(|k| (k % 7) as f32).collect();
-        let mut adapted = vec![0.0; 100];
-        let mut conditional = Conditional::new(16);
-        conditional.adapt(
-            &window_weights(side, 0.0),
-            side,
-            Inside::all(side),
-            &[5.0; 100],
-            &image,
-            &mut adapted,
-        );
+        let adapted = adapted(8, 0.0, &[5.0; 100], &image);
         assert!(adapted.iter().all(|a| (a - adapted[0]).abs() < 1e-6 && *a > 2.0 && *a < 4.0));
     }
 }

@@ -1,5 +1,6 @@
 //! Where in a picture a template may be: weighted NCC at coarse resolution, then the best few peaks.
 
+use sonoloop_simd::{Instructions, wide};
 use sonoloop_types::Image;
 
 use crate::gaussian::{axis_weights, blur_taps};
@@ -20,6 +21,7 @@ const FLAT: f32 = 1.0;
 /// Coarse NCC search of one template. It proposes; the caller scores its proposals at full resolution.
 #[derive(Debug, Clone)]
 pub(crate) struct Search {
+    instructions: Instructions,
     /// Picture pixels per coarse pixel.
     scale: usize,
     /// First template column and row that take part.
@@ -44,8 +46,14 @@ pub(crate) type Peaks = [Option<[f64; 2]>; PEAKS];
 
 impl Search {
     /// Prepares the search of `template`; no picture up to `picture` pixels makes it allocate again.
-    pub fn new(template: &Template, blur_sigma_px: f64, weight_sigma_px: f64, picture: [usize; 2]) -> Self {
-        let full = template.side;
+    pub fn new(
+        instructions: Instructions,
+        template: &Template,
+        blur_sigma_px: f64,
+        weight_sigma_px: f64,
+        picture: [usize; 2],
+    ) -> Self {
+        let full = template.window.side;
         let wanted = if weight_sigma_px > 0.0 {
             (2.0 * libm::ceil(WINDOW_SIGMAS * weight_sigma_px)) as usize
         } else {
@@ -58,6 +66,7 @@ impl Search {
         let crop = (full - side * scale) / 2;
         let axis = axis_weights(side, weight_sigma_px / scale as f64);
         let mut search = Self {
+            instructions,
             scale,
             crop,
             side,
@@ -77,7 +86,7 @@ impl Search {
     }
 
     fn build_kernel(&mut self, template: &Template) {
-        let width = template.side + 2;
+        let width = template.window.padded_stride();
         let mut mean = 0.0;
         for y in 0..self.side {
             for x in 0..self.side {
@@ -108,7 +117,7 @@ impl Search {
     /// Makes every buffer as large as a search of the whole picture will need.
     fn reserve(&mut self, picture: [usize; 2]) {
         let [width, height] = picture.map(|n| n / self.scale);
-        self.region.fill(&Image::black(1, 1), &self.taps, 1, [0, 0], [width.max(1), height.max(1)]);
+        self.region.fill(self.instructions, &Image::black(1, 1), &self.taps, 1, [0, 0], [width.max(1), height.max(1)]);
         self.map.resize(width * height, 0.0);
         self.columns.iter_mut().chain(&mut self.sums).for_each(|buffer| buffer.resize(width, 0.0));
     }
@@ -135,7 +144,7 @@ impl Search {
             count[axis] = (high - low + 1) as usize;
         }
         let size = [count[0] + self.side - 1, count[1] + self.side - 1];
-        self.region.fill(image, &self.taps, self.scale, first, size);
+        self.region.fill(self.instructions, image, &self.taps, self.scale, first, size);
         self.correlate(count);
         let centre = |axis: usize, k: usize| (self.scale as i64 * (first[axis] + k as i64)) as f64 + offset;
         self.best(count).map(|peak| peak.map(|[x, y]| [centre(0, x), centre(1, y)]))
@@ -190,7 +199,7 @@ impl Search {
                     map.fill(-1.0);
                     continue;
                 }
-                let product = products::<BLOCK>(&self.kernel, self.side, &rows[block * BLOCK..], width);
+                let product = block_products(self.instructions, &self.kernel, self.side, &rows[block * BLOCK..], width);
                 for ((ncc, product), &energy) in map.iter_mut().zip(product).zip(energy) {
                     *ncc = score(product, energy);
                 }
@@ -229,6 +238,13 @@ impl Search {
     }
 }
 
+wide! {
+    /// [`products`] of a whole block.
+    fn block_products(kernel: &[f32], side: usize, rows: &[f32], width: usize) -> [f32; BLOCK] {
+        products::<BLOCK>(kernel, side, rows, width)
+    }
+}
+
 /// Σ w T I of N neighbouring windows, the first at the start of `rows`, which lie `width` apart.
 #[inline(always)]
 fn products<const N: usize>(kernel: &[f32], side: usize, rows: &[f32], width: usize) -> [f32; N] {
@@ -246,6 +262,8 @@ fn products<const N: usize>(kernel: &[f32], side: usize, rows: &[f32], width: us
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::warp::Placement;
+    use crate::window::Part;
 
     /// Smoothed noise: a texture in which no two places are alike.
     fn picture() -> Image {
@@ -256,17 +274,20 @@ mod tests {
         };
         let noise = Image::from_pixels(160, 120, (0..160 * 120).map(|_| noise()).collect()).unwrap();
         let mut smooth = Region::default();
-        smooth.fill(&noise, &blur_taps(2.0), 1, [0, 0], [160, 120]);
-        let stretched = smooth.grey.iter().map(|grey| (5.0 * (grey - 127.5) + 127.5) as u8).collect();
+        smooth.fill(Instructions::widest(), &noise, &blur_taps(2.0), 1, [0, 0], [160, 120]);
+        let stretched = smooth.grey[..160 * 120].iter().map(|grey| (5.0 * (grey - 127.5) + 127.5) as u8).collect();
         Image::from_pixels(160, 120, stretched).unwrap()
     }
 
     fn cut(image: &Image, centre_px: [f64; 2], side: usize) -> Template {
         let mut region = Region::default();
-        region.fill_about(image, &blur_taps(1.5), centre_px, side);
-        let mut padded = vec![0.0; (side + 2) * (side + 2)];
-        region.sample(centre_px, side, &mut padded).unwrap();
-        Template::new(side, padded, None)
+        region.fill_about(Instructions::widest(), image, &blur_taps(1.5), centre_px, side);
+        let mut template = Template::blank(side);
+        let (window, all) = (template.window, Part { first: 0, end: side });
+        let mut padded = template.padded.clone();
+        region.sample(Instructions::widest(), &Placement::at(centre_px), window, all, &mut padded).unwrap();
+        template.refresh(&padded, None);
+        template
     }
 
     #[test]
@@ -276,7 +297,7 @@ mod tests {
             for weight_sigma_px in [0.0, 3.0] {
                 for centre_px in [[60.5, 40.5], [90.0, 70.0], [47.3, 81.8]] {
                     let mut search =
-                        Search::new(&cut(&image, centre_px, side), 1.5, weight_sigma_px, [160, 120]);
+                        Search::new(Instructions::widest(), &cut(&image, centre_px, side), 1.5, weight_sigma_px, [160, 120]);
                     let slack = search.scale as f64;
                     for about in [None, Some(([centre_px[0] + 9.0, centre_px[1] - 8.0], 15.0))] {
                         let [u, v] = search.peaks(&image, about)[0].unwrap();
@@ -296,10 +317,11 @@ mod tests {
         for row in image.pixels.chunks_exact_mut(160) {
             row[80..].fill(0);
         }
-        let mut search = Search::new(&template, 1.5, 3.0, [160, 120]);
+        let mut search = Search::new(Instructions::widest(), &template, 1.5, 3.0, [160, 120]);
         // Two blocks and a rest.
         let count = [2 * BLOCK + 5, 3];
         search.region.fill(
+            Instructions::widest(),
             &image,
             &search.taps,
             2,
@@ -335,7 +357,7 @@ mod tests {
     #[test]
     fn nothing_is_found_where_the_template_does_not_fit() {
         let image = picture();
-        let mut search = Search::new(&cut(&image, [60.0, 40.0], 20), 1.5, 3.0, [160, 120]);
+        let mut search = Search::new(Instructions::widest(), &cut(&image, [60.0, 40.0], 20), 1.5, 3.0, [160, 120]);
         assert_eq!(search.peaks(&Image::black(5, 5), None), [None; PEAKS]);
         assert_eq!(search.peaks(&Image::black(160, 120), None), [None; PEAKS]);
         assert_eq!(search.peaks(&image, Some(([-500.0, 40.0], 20.0))), [None; PEAKS]);

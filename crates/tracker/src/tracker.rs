@@ -1,14 +1,17 @@
-use sonoloop_types::{Estimate, Image, Profile, Reason, TrackState, TrackerSettings, UpdateStrategy};
+use sonoloop_simd::Instructions;
+use sonoloop_types::{Estimate, Image, Profile, Reason, TrackState, TrackerSettings, UpdateStrategy, Warp};
 
 use crate::checkpoint::is_flat;
-use crate::gaussian::{blur_taps, window_weights};
+use crate::gaussian::blur_taps;
 use crate::grey::lit_median;
 use crate::likeness::Moments;
 use crate::region::{Inside, Region};
+use crate::refine::Refinement;
 use crate::register::Registrar;
 use crate::search::Search;
 use crate::template::Template;
 use crate::warp::Placement;
+use crate::window::LANES;
 use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
 
 /// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
@@ -50,6 +53,7 @@ pub struct Tracker {
     pub(crate) registrar: Registrar,
     pub(crate) search: Search,
     pub(crate) region: Region,
+    refinement: Option<Refinement>,
     pub(crate) taps: Vec<f32>,
     picture_px: [u32; 2],
     last: Estimate,
@@ -118,25 +122,27 @@ impl Tracker {
             return Err(TrackerError::TemplateTooLarge { template_px, width_px, height_px });
         }
         let side = template_px as usize;
-        let blank = || Template::new(side, vec![0.0; (side + 2) * (side + 2)], None);
         let picture_px = [width_px, height_px];
         let mut tracker =
-            Self::assemble(settings, [blank(), blank()], picture_px, tip_px, TrackState::Tracking);
+            Self::assemble(settings, [(); 2].map(|()| Template::blank(side)), picture_px, tip_px, TrackState::Tracking);
 
         let within = |c: f64, size: u32| c >= -0.5 && c <= f64::from(size) - 0.5;
         if !(within(tip_px[0], width_px) && within(tip_px[1], height_px)) {
             return Err(TrackerError::TipOutside { tip_px });
         }
         let reach = tracker.tracking_reach();
-        tracker.region.fill_about(image, &tracker.taps, tip_px, reach);
-        if tracker.registrar.sample(&tracker.region, tip_px).is_err() {
+        tracker.region.fill_about(tracker.registrar.instructions, image, &tracker.taps, tip_px, reach);
+        if tracker.registrar.sample(&tracker.region, &Placement::at(tip_px)).is_err() {
             return Err(TrackerError::TipOutside { tip_px });
         }
-        let median = lit_median(image);
+        let median = lit_median(tracker.registrar.instructions, image);
         tracker.anchor.refresh(&tracker.registrar.patch, median);
         tracker.previous.refresh(&tracker.registrar.patch, median);
         if is_flat(&tracker.anchor, &settings) {
             return Err(TrackerError::NoTexture { tip_px });
+        }
+        if let Some(refinement) = &mut tracker.refinement {
+            refinement.begin(image, tip_px, median);
         }
         tracker.search = tracker.new_search();
         let view = tracker.view(Inside::all(side), median);
@@ -148,11 +154,15 @@ impl Tracker {
     /// after a fresh confirmation. Refuses a checkpoint that does not fit `settings` or holds impossible values.
     pub fn restore(settings: TrackerSettings, checkpoint: &Checkpoint) -> Result<Self, TrackerError> {
         settings::check(&settings)?;
-        let templates = checkpoint.templates(&settings)?;
+        let [anchor, previous, sharp] = checkpoint.templates(&settings)?;
+        let templates = [anchor, previous];
         let (picture_px, tip_px) = (checkpoint.picture_px, checkpoint.tip_px);
         let mut tracker = Self::assemble(settings, templates, picture_px, tip_px, TrackState::Lost);
         tracker.belief.lost_images = checkpoint.lost_images;
         tracker.belief.restarted = true;
+        if let Some(refinement) = &mut tracker.refinement {
+            refinement.anchor = sharp;
+        }
         Ok(tracker)
     }
 
@@ -163,11 +173,15 @@ impl Tracker {
         tip_px: [f64; 2],
         state: TrackState,
     ) -> Self {
-        let weights = window_weights(anchor.side, settings.weight_sigma_px);
+        let instructions = Instructions::widest();
+        // A tip is found by where it is; how it has turned is left to the refinement, which sees more of it.
+        let warp = if settings.refine { Warp::Translation } else { settings.warp };
+        let (blur_sigma_px, weight_sigma_px) = (settings.blur_sigma_px, settings.weight_sigma_px);
         let mut tracker = Self {
-            registrar: Registrar::new(&settings, weights),
-            search: Search::new(&anchor, settings.blur_sigma_px, settings.weight_sigma_px, [1, 1]),
+            registrar: Registrar::new(instructions, &settings, warp, weight_sigma_px),
+            search: Search::new(instructions, &anchor, blur_sigma_px, weight_sigma_px, [1, 1]),
             region: Region::default(),
+            refinement: settings.refine.then(|| Refinement::new(instructions, &settings)),
             taps: blur_taps(settings.blur_sigma_px),
             belief: Belief::at(state, tip_px),
             last: Estimate::bare(state, Reason::Restarted, Some(tip_px)),
@@ -179,13 +193,14 @@ impl Tracker {
         tracker.search = tracker.new_search();
         // The largest region there will be, so that its buffers never grow again.
         let reach = tracker.tracking_reach();
-        tracker.region.fill_about(&Image::black(1, 1), &tracker.taps, [0.0; 2], reach);
+        tracker.region.fill_about(instructions, &Image::black(1, 1), &tracker.taps, [0.0; 2], reach);
         tracker
     }
 
     fn new_search(&self) -> Search {
         let picture = self.picture_px.map(|n| n as usize);
-        Search::new(&self.anchor, self.settings.blur_sigma_px, self.settings.weight_sigma_px, picture)
+        let (blur_sigma_px, weight_sigma_px) = (self.settings.blur_sigma_px, self.settings.weight_sigma_px);
+        Search::new(self.registrar.instructions, &self.anchor, blur_sigma_px, weight_sigma_px, picture)
     }
 
     /// Looks for the tip in the next image.
@@ -200,7 +215,7 @@ impl Tracker {
         {
             self.declare_lost(Reason::OutOfImage, motion_px, None, 0)
         } else {
-            let median = lit_median(image);
+            let median = lit_median(self.registrar.instructions, image);
             match self.belief.state {
                 TrackState::Tracking => self.follow(image, median, motion_px),
                 _ => self.seek(image, median, motion_px, context),
@@ -215,7 +230,7 @@ impl Tracker {
     fn follow(&mut self, image: &Image, median: Option<f64>, motion_px: Option<[f64; 2]>) -> Estimate {
         let guess_px = add(self.belief.tip_px, motion_px.unwrap_or(self.belief.velocity_px));
         let reach = self.tracking_reach();
-        self.region.fill_about(image, &self.taps, guess_px, reach);
+        self.region.fill_about(self.registrar.instructions, image, &self.taps, guess_px, reach);
 
         let guess = Placement { centre_px: guess_px, linear: self.belief.linear };
         let changes = [&self.anchor, &self.previous].map(|template| self.change(template, median));
@@ -235,7 +250,7 @@ impl Tracker {
             match self.registrar.run(&self.region, &self.anchor, changes[0], found.place) {
                 Ok(corrected) => {
                     let iterations = found.iterations + corrected.iterations;
-                    let half_px = (self.anchor.side as f64 - 1.0) / 2.0;
+                    let half_px = self.anchor.window.half_px();
                     if found.place.corner_distance(&corrected.place, half_px)
                         <= self.settings.drift_tolerance_px
                     {
@@ -248,8 +263,8 @@ impl Tracker {
             }
         }
 
-        let (at, iterations) = (found.place.centre_px, found.iterations);
-        let view = match self.registrar.sample_warped(&self.region, &found.place) {
+        let iterations = found.iterations;
+        let view = match self.registrar.sample(&self.region, &found.place) {
             Ok(inside) => self.view(inside, median),
             Err(reason) => return self.declare_lost(reason, motion_px, None, iterations),
         };
@@ -257,12 +272,27 @@ impl Tracker {
             let estimate = self.declare_lost(reason, motion_px, Some(view), iterations);
             return Estimate { conditioning: Some(found.conditioning), ..estimate };
         }
+        let mut place = found.place;
+        let mut iterations = iterations;
+        if let Some(refinement) = &mut self.refinement {
+            let (refined, more) = refinement.refine(image, median, &place);
+            iterations += more;
+            if refined != place {
+                // Should the refined patch leave the region, the one found stays.
+                if self.registrar.sample(&self.region, &refined).is_ok() {
+                    place = refined;
+                } else if self.registrar.sample(&self.region, &place).is_err() {
+                    update = false;
+                }
+            }
+        }
+        let at = place.centre_px;
         let kept = self.settings.velocity_memory;
         let moved = add(at, self.belief.tip_px.map(|c| -c));
         self.belief.velocity_px =
             add(self.belief.velocity_px.map(|v| kept * v), moved.map(|d| (1.0 - kept) * d));
         self.belief.tip_px = at;
-        self.belief.linear = found.place.linear;
+        self.belief.linear = place.linear;
         self.belief.hold_previous = self.belief.hold_previous.saturating_sub(1);
         if update {
             self.previous.refresh(&self.registrar.patch, median);
@@ -301,6 +331,9 @@ impl Tracker {
         self.belief.lost_images = self.belief.lost_images.saturating_add(1);
         self.belief.candidate_px = None;
         self.belief.confirmed = 0;
+        if let Some(refinement) = &mut self.refinement {
+            refinement.pause();
+        }
         let reason = if self.belief.restarted { Reason::Restarted } else { reason };
         self.estimate(reason, self.belief.tip_px, view, iterations)
     }
@@ -332,10 +365,12 @@ impl Tracker {
     }
 
     /// Compares the registrar's patch with both templates.
-    pub(crate) fn view(&self, inside: Inside, median: Option<f64>) -> View {
+    pub(crate) fn view(&mut self, inside: Inside, median: Option<f64>) -> View {
+        let registrar = &mut self.registrar;
+        let (window, part) = (registrar.window, registrar.weights.part);
+        let (weights, patch) = (registrar.weights.within(inside), &registrar.patch);
         let moments = |template: &Template| {
-            let (weights, patch) = (&self.registrar.weights, &self.registrar.patch);
-            Moments::of(weights, template.side, inside, patch, &template.padded)
+            Moments::of(registrar.instructions, window, part, weights, patch, &template.padded)
         };
         let anchor = moments(&self.anchor);
         let change = f64::from(self.anchor.change_to(median));
@@ -359,8 +394,8 @@ impl Tracker {
 
     /// Half-side of the region a registration may wander in: the window, its border, and a good jump.
     fn tracking_reach(&self) -> usize {
-        let half = self.anchor.side / 2;
-        half + 3 + half.max(16)
+        let part = self.registrar.weights.part;
+        (part.end - part.first) / 2 + LANES + 3 + (self.anchor.window.side / 2).max(16)
     }
 
     /// What a restarted tracker needs to go on.
@@ -370,6 +405,7 @@ impl Tracker {
             picture_px: self.picture_px,
             anchor: SavedTemplate::from(&self.anchor),
             previous: SavedTemplate::from(&self.previous),
+            sharp: self.refinement.as_ref().map(|refinement| SavedTemplate::from(&refinement.anchor)),
             tip_px: self.belief.tip_px,
             lost_images: self.belief.lost_images,
         }

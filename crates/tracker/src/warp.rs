@@ -80,7 +80,7 @@ pub(crate) fn step(warp: Warp, parameters: &[f64], half_px: f64) -> [[f64; 2]; 3
 
 /// Sums over the window of w·g_i·g_j·φ and w·e·g_i·φ, with g = (g_u, g_v) and φ products of 1, x and y, the centred
 /// coordinates over the window's half-side.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Moments {
     /// For [1, x, y, x², xy, y²]: [g_u², g_u·g_v, g_v²].
     pub gradients: [[f64; 3]; 6],

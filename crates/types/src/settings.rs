@@ -75,6 +75,8 @@ pub struct TrackerSettings {
     pub blur_sigma_px: f64,
     /// Gaussian weight about the tip in sums and NCCs, σ; 0 = uniform.
     pub weight_sigma_px: f64,
+    /// Register once more, unblurred and unweighted, where the surroundings move with the tip.
+    pub refine: bool,
     /// Share of the last velocity kept in the constant-velocity guess (v ← m·v + (1−m)·d); 1 = no guess.
     pub velocity_memory: f64,
     /// Largest corner distance between the two registrations that accepts the update, ε_d.
@@ -110,6 +112,7 @@ impl TrackerSettings {
             scv_bins: if template_px < 40 { 16 } else { 32 },
             blur_sigma_px: 1.5,
             weight_sigma_px: 3.0,
+            refine: true,
             velocity_memory: 0.7,
             drift_tolerance_px: 3.0,
             max_iterations: 50,
@@ -126,6 +129,7 @@ impl TrackerSettings {
             Profile::Paper => Self {
                 blur_sigma_px: 0.0,
                 weight_sigma_px: 0.0,
+                refine: false,
                 velocity_memory: 1.0,
                 loss_ncc_anchor: -1.0,
                 loss_brightness_ratio: None,

@@ -37,7 +37,6 @@
 //! | `contact`, `occlusion` | blind elements; steel in the way |
 //! | `display` | noise, compensation, logarithm, grey levels |
 //! | `fast` | exponential, logarithm, rounding |
-//! | `instructions` | hot loops compiled for wider vectors too, with the same bits |
 //! | [`reference`](mod@reference) | the same field by direct summation, slow, for tests |
 //!
 //! # What sound meets
@@ -73,7 +72,6 @@ mod display;
 mod echo;
 mod elevation;
 mod fast;
-mod instructions;
 mod jobs;
 mod lateral;
 mod lattice;
@@ -90,5 +88,6 @@ mod splat;
 mod stamp;
 mod tape;
 
-pub use instructions::Instructions;
+pub use sonoloop_simd::Instructions;
+use sonoloop_simd as instructions;
 pub use renderer::{Field, Renderer};

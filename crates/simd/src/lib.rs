@@ -33,25 +33,39 @@ impl Instructions {
         Self::available().pop().unwrap_or(Self::PLAIN)
     }
 
+    /// Whether the loops compiled for AVX2 may run.
     #[cfg(target_arch = "x86_64")]
-    pub(crate) fn has_avx2(self) -> bool {
+    #[inline]
+    pub fn has_avx2(self) -> bool {
         self.0 == Set::Avx2
     }
 }
 
 /// Compiles a function for every set of instructions; callers name the set first. What it calls is part of it only
 /// where it is inlined.
+///
+/// ```
+/// use sonoloop_simd::{Instructions, wide};
+///
+/// wide! {
+///     fn sum(values: &[f32; 8]) -> f32 {
+///         values.iter().sum()
+///     }
+/// }
+/// assert_eq!(sum(Instructions::widest(), &[0.5; 8]), 4.0);
+/// ```
+#[macro_export]
 macro_rules! wide {
-    ($(#[$attribute:meta])* $visibility:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
+    ($(#[$attribute:meta])* $visibility:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $(-> $answer:ty)? $body:block) => {
         $(#[$attribute])*
-        $visibility fn $name(instructions: $crate::instructions::Instructions, $($argument: $type),*) {
+        $visibility fn $name(instructions: $crate::Instructions, $($argument: $type),*) $(-> $answer)? {
             #[inline(always)]
             #[allow(clippy::too_many_arguments, reason = "the outer function says why")]
-            fn plain($($argument: $type),*) $body
+            fn plain($($argument: $type),*) $(-> $answer)? $body
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2")]
             #[allow(clippy::too_many_arguments, reason = "the outer function says why")]
-            fn avx2($($argument: $type),*) {
+            fn avx2($($argument: $type),*) $(-> $answer)? {
                 plain($($argument),*)
             }
             #[cfg(not(target_arch = "x86_64"))]
@@ -66,5 +80,3 @@ macro_rules! wide {
         }
     };
 }
-
-pub(crate) use wide;
