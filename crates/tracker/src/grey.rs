@@ -18,13 +18,11 @@ const LANES: usize = 64;
 /// all of the picture by the same amount.
 pub(crate) fn lit_median(instructions: Instructions, image: &Image) -> Option<f64> {
     let stride = if image.pixels.len() < SPARSE_FROM { 1 } else { ROW_STRIDE };
-    let up_to = |level: u8| {
-        let rows = image.pixels.chunks_exact(image.width_px as usize).step_by(stride);
-        rows.map(|row| count_up_to(instructions, row, level)).sum::<usize>()
-    };
+    let width = image.width_px as usize;
+    let up_to = |level: u8| count_up_to(instructions, &image.pixels, width, stride, level);
     let rows = (image.height_px as usize).div_ceil(stride);
     let dark = up_to(0);
-    let lit = rows * image.width_px as usize - dark;
+    let lit = rows * width - dark;
     if lit < MIN_COUNTED {
         return None;
     }
@@ -47,20 +45,26 @@ pub(crate) fn lit_median(instructions: Instructions, image: &Image) -> Option<f6
 }
 
 wide! {
-    /// Pixels of a grey level up to `level`.
-    fn count_up_to(pixels: &[u8], level: u8) -> usize {
-        let (vectors, rest) = pixels.as_chunks::<LANES>();
-        let mut count = rest.iter().filter(|pixel| **pixel <= level).count();
-        for vectors in vectors.chunks(255) {
-            let mut lanes = [0_u8; LANES];
-            for vector in vectors {
-                for (lane, pixel) in lanes.iter_mut().zip(vector) {
-                    *lane += u8::from(*pixel <= level);
+    /// Pixels of a grey level up to `level` in every `stride`th row.
+    fn count_up_to(pixels: &[u8], width: usize, stride: usize, level: u8) -> usize {
+        let mut count = 0;
+        let mut columns = [0_u32; LANES];
+        for row in pixels.chunks_exact(width).step_by(stride) {
+            let (vectors, rest) = row.as_chunks::<LANES>();
+            for vectors in vectors.chunks(255) {
+                let mut lanes = [0_u8; LANES];
+                for vector in vectors {
+                    for (lane, pixel) in lanes.iter_mut().zip(vector) {
+                        *lane += u8::from(*pixel <= level);
+                    }
+                }
+                for (column, lane) in columns.iter_mut().zip(lanes) {
+                    *column += u32::from(lane);
                 }
             }
-            count += lanes.iter().map(|lane| usize::from(*lane)).sum::<usize>();
+            count += rest.iter().filter(|pixel| **pixel <= level).count();
         }
-        count
+        count + columns.iter().sum::<u32>() as usize
     }
 }
 

@@ -8,7 +8,6 @@ use crate::search::{PEAKS, Peaks};
 use crate::shaft;
 use crate::tracker::{Context, View, add, distance};
 use crate::warp::Placement;
-use crate::window::LANES;
 
 /// The near search begins this far about the last tip …
 const NEAR_PX: f64 = 12.0;
@@ -218,7 +217,6 @@ impl Tracker {
 
     /// Half-side of the region in which one place is scored; never beyond that of tracking.
     fn scoring_reach(&self) -> usize {
-        let part = self.registrar.weights.part;
-        (part.end - part.first) / 2 + LANES + 3 + REFINE_PX as usize + 2 * MAX_MOVE_PX as usize
+        self.registrar.weights.part.reach() + REFINE_PX as usize + 2 * MAX_MOVE_PX as usize
     }
 }

@@ -4,7 +4,7 @@ use sonoloop_simd::{Instructions, wide};
 use sonoloop_types::Image;
 
 use crate::warp::Placement;
-use crate::window::{LANES, Part, Window, lanes};
+use crate::window::{LANES, Lanes, Part, Window};
 
 /// Values after the last row: a vector that begins inside may end beyond it.
 const SLACK: usize = 2 * LANES;
@@ -46,7 +46,8 @@ impl Inside {
 }
 
 impl Region {
-    /// Fills the region with the blurred rectangle of `size` pixels from `origin` on.
+    /// Fills the region with the blurred rectangle of `size` pixels from `origin` on; its columns are rounded up to whole
+    /// vectors.
     pub fn fill(
         &mut self,
         instructions: Instructions,
@@ -56,8 +57,9 @@ impl Region {
         origin: [i64; 2],
         size: [usize; 2],
     ) {
-        let [width, height] = size;
         let radius = taps.len() / 2;
+        let size = [size[0].next_multiple_of(LANES), size[1]];
+        let [width, height] = size;
         self.origin = origin;
         self.size = size;
         self.picture = [image.width_px as usize / scale, image.height_px as usize / scale];
@@ -65,13 +67,17 @@ impl Region {
         self.grey.resize(width * height + SLACK, 0.0);
         self.rows.resize(width * (height + 2 * radius), 0.0);
         self.line.resize(width + 2 * radius, 0.0);
-        for (k, out) in self.rows.chunks_exact_mut(width).enumerate() {
-            let v = origin[1] + k as i64 - radius as i64;
-            let line = if radius == 0 { &mut *out } else { &mut self.line[..] };
-            read_line(image, scale, self.picture, origin[0] - radius as i64, v, line);
-            if radius > 0 {
-                convolve(instructions, taps, &self.line, 1, out);
+        let first = [origin[0] - radius as i64, origin[1] - radius as i64];
+        if radius == 0 {
+            for (k, line) in self.grey[..width * height].chunks_exact_mut(width).enumerate() {
+                read_line(instructions, image, scale, self.picture, first[0], first[1] + k as i64, line);
             }
+            return;
+        }
+        for (k, out) in self.rows.chunks_exact_mut(width).enumerate() {
+            let v = first[1] + k as i64;
+            read_line(instructions, image, scale, self.picture, first[0], v, &mut self.line);
+            convolve(instructions, taps, &self.line, 1, out);
         }
         for (y, out) in self.grey[..width * height].chunks_exact_mut(width).enumerate() {
             convolve(instructions, taps, &self.rows[y * width..], width, out);
@@ -138,6 +144,11 @@ impl Region {
     /// Columns whose u lies inside the picture in every row, and rows whose v does in every column.
     fn inside_warped(&self, place: &Placement, side: usize) -> Inside {
         let half = (side as f64 - 1.0) / 2.0;
+        let corners = [[-half, -half], [half, -half], [-half, half], [half, half]];
+        let is_within = |at: [f64; 2]| [0, 1].iter().all(|&k| at[k] >= 0.0 && at[k] <= self.picture[k] as f64 - 1.0);
+        if corners.iter().all(|corner| is_within(place.map(*corner))) {
+            return Inside::all(side);
+        }
         let range = |axis: usize| {
             let last = self.picture[axis] as f64 - 1.0;
             let is_inside = |k: &usize| {
@@ -171,15 +182,13 @@ fn whole(value: f64) -> i64 {
     libm::round(value).clamp(-1e9, 1e9) as i64
 }
 
-fn read_line(image: &Image, scale: usize, picture: [usize; 2], first: i64, v: i64, line: &mut [f32]) {
+fn read_line(instructions: Instructions, image: &Image, scale: usize, picture: [usize; 2], first: i64, v: i64, line: &mut [f32]) {
     let v = v.clamp(0, picture[1] as i64 - 1) as usize;
     let last = picture[0] as i64 - 1;
     if scale == 1 {
         let row = image.row(v as u32);
         if first >= 0 && first + line.len() as i64 - 1 <= last {
-            for (out, level) in line.iter_mut().zip(&row[first as usize..]) {
-                *out = f32::from(*level);
-            }
+            widen(instructions, &row[first as usize..], line);
             return;
         }
         for (k, out) in line.iter_mut().enumerate() {
@@ -228,26 +237,45 @@ fn add_pixels<const SCALE: usize>(row: &[u8], line: &mut [f32]) {
     }
 }
 
+/// Vectors summed together, so that a tap is read once for all of them.
+const TOGETHER: usize = 4;
+
 wide! {
-    /// Adds up `taps` values that lie `step` apart, for every value of `out`.
+    /// Adds up `taps` values that lie `step` apart, for every value of `out`: whole vectors.
     fn convolve(taps: &[f32], values: &[f32], step: usize, out: &mut [f32]) {
-        let (vectors, rest) = out.as_chunks_mut::<LANES>();
-        let first = vectors.len() * LANES;
-        for (k, out) in vectors.iter_mut().enumerate() {
-            let mut sums = [0.0; LANES];
-            for (tap, weight) in taps.iter().enumerate() {
-                for (sum, value) in sums.iter_mut().zip(lanes(values, k * LANES + tap * step)) {
-                    *sum += weight * value;
+        let vectors = out.as_chunks_mut::<LANES>().0;
+        for (k, out) in vectors.chunks_mut(TOGETHER).enumerate() {
+            let values = &values[k * TOGETHER * LANES..];
+            if let Ok(out) = <&mut [_; TOGETHER]>::try_from(&mut *out) {
+                *out = weighted::<TOGETHER>(taps, values, step);
+            } else {
+                for (i, out) in out.iter_mut().enumerate() {
+                    [*out] = weighted::<1>(taps, &values[i * LANES..], step);
                 }
             }
-            *out = sums;
         }
-        for (k, out) in rest.iter_mut().enumerate() {
-            let mut sum = 0.0;
-            for (tap, weight) in taps.iter().enumerate() {
-                sum += weight * values[first + k + tap * step];
+    }
+}
+
+#[inline(always)]
+fn weighted<const N: usize>(taps: &[f32], values: &[f32], step: usize) -> [Lanes; N] {
+    let mut sums = [[0.0; LANES]; N];
+    for (tap, weight) in taps.iter().enumerate() {
+        let values = &values[tap * step..][..N * LANES];
+        for (sums, values) in sums.iter_mut().zip(values.as_chunks::<LANES>().0) {
+            for (sum, value) in sums.iter_mut().zip(values) {
+                *sum += weight * value;
             }
-            *out = sum;
+        }
+    }
+    sums
+}
+
+wide! {
+    /// Grey levels as numbers.
+    fn widen(levels: &[u8], out: &mut [f32]) {
+        for (out, level) in out.iter_mut().zip(levels) {
+            *out = f32::from(*level);
         }
     }
 }
@@ -308,34 +336,48 @@ wide! {
         stride: usize,
         patch: &mut [f32],
     ) {
+        // Written as comparisons, since `max` and `min` care for NaN.
+        let at_least = |value: f32, low: f32| if value > low { value } else { low };
+        let at_most = |value: f32, high: f32| if value < high { value } else { high };
         let [along_u, along_v] = lattice.along;
         let [last_u, last_v] = lattice.last;
         let row_pitch = width as f32;
+        let places = grey.len() - width;
+        let (upper, lower) = (&grey[..places], &grey[width..]);
         for (k, y) in rows.enumerate() {
             let [u0, v0] =
                 [0, 1].map(|axis| (lattice.origin[axis] + k as f64 * lattice.down[axis]) as f32);
-            for (i, x) in columns.clone().step_by(LANES).enumerate() {
-                let [mut first, mut fu, mut fv] = [[0.0_f32; LANES]; 3];
+            let first = columns.start;
+            for (i, out) in patch[y * stride + first..(y + 1) * stride]
+                .as_chunks_mut::<LANES>()
+                .0
+                .iter_mut()
+                .take((columns.end - first).div_ceil(LANES))
+                .enumerate()
+            {
+                let mut at = [0_u32; LANES];
+                let [mut fu, mut fv] = [[0.0_f32; LANES]; 2];
+                let begin = (i * LANES) as f32;
                 for lane in 0..LANES {
-                    let step = (i * LANES + lane) as f32;
+                    let step = begin + lane as f32;
                     // Lanes beyond the row's end may lie anywhere; rounding may leave the corners by a hair.
-                    let u = (u0 + step * along_u).max(0.0).min(last_u);
-                    let v = (v0 + step * along_v).max(0.0).min(last_v);
+                    let u = at_most(at_least(u0 + step * along_u, 0.0), last_u);
+                    let v = at_most(at_least(v0 + step * along_v, 0.0), last_v);
                     // The nearest whole number to u − ½ is u's floor, or one less with a fraction of one.
-                    let column = (((u - 0.5).max(0.0) + WHOLE) - WHOLE).min(last_u);
-                    let row = (((v - 0.5).max(0.0) + WHOLE) - WHOLE).min(last_v);
+                    let column = (at_least(u - 0.5, 0.0) + WHOLE) - WHOLE;
+                    let row = (at_least(v - 0.5, 0.0) + WHOLE) - WHOLE;
                     fu[lane] = u - column;
                     fv[lane] = v - row;
-                    first[lane] = row * row_pitch + column + WHOLE;
+                    at[lane] = (row * row_pitch + column + WHOLE).to_bits() - WHOLE.to_bits();
                 }
                 let [mut a, mut b, mut c, mut d] = [[0.0_f32; LANES]; 4];
                 for lane in 0..LANES {
-                    let at = (first[lane].to_bits() - WHOLE.to_bits()) as usize;
-                    let taps = &grey[at..at + width + 2];
-                    (a[lane], b[lane]) = (taps[0], taps[1]);
-                    (c[lane], d[lane]) = (taps[width], taps[width + 1]);
+                    let left = at[lane] as usize;
+                    let right = left + 1;
+                    assert!(right < places, "a tap outside of the region");
+                    (a[lane], b[lane]) = (upper[left], upper[right]);
+                    (c[lane], d[lane]) = (lower[left], lower[right]);
                 }
-                let out = &mut patch[y * stride + x..][..LANES];
                 for lane in 0..LANES {
                     let above = a[lane] + fu[lane] * (b[lane] - a[lane]);
                     let below = c[lane] + fu[lane] * (d[lane] - c[lane]);
@@ -445,7 +487,7 @@ mod tests {
         let mut region = Region::default();
         region.fill(Instructions::widest(), &ramp(), &[1.0], 2, [0, 0], [20, 15]);
         // Mean of 3u + 2v over the block {2, 3} × {4, 5}.
-        assert_eq!(region.grey[2 * 20 + 1], 3.0 * 2.5 + 2.0 * 4.5);
+        assert_eq!(region.grey[2 * region.size[0] + 1], 3.0 * 2.5 + 2.0 * 4.5);
         assert_eq!(region.picture, [20, 15]);
     }
 

@@ -11,7 +11,6 @@ use crate::register::Registrar;
 use crate::search::Search;
 use crate::template::Template;
 use crate::warp::Placement;
-use crate::window::LANES;
 use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
 
 /// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
@@ -394,8 +393,7 @@ impl Tracker {
 
     /// Half-side of the region a registration may wander in: the window, its border, and a good jump.
     fn tracking_reach(&self) -> usize {
-        let part = self.registrar.weights.part;
-        (part.end - part.first) / 2 + LANES + 3 + (self.anchor.window.side / 2).max(16)
+        self.registrar.weights.part.reach() + (self.anchor.window.side / 2).max(16)
     }
 
     /// What a restarted tracker needs to go on.

@@ -63,6 +63,11 @@ impl Part {
         self.first - self.first % LANES
     }
 
+    /// Half-side of what a patch of it touches: half the part, the rest of its first vector, its border and a tap.
+    pub const fn reach(self) -> usize {
+        (self.end - self.first).div_ceil(2) + self.first % LANES + 3
+    }
+
     /// First columns of the vectors that this part's columns lie in.
     pub fn vectors(self) -> impl Iterator<Item = usize> {
         (self.first_vector()..self.end).step_by(LANES)

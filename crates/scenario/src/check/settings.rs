@@ -38,6 +38,7 @@ pub(super) fn tracker(raw: &RawTracker) -> TrackerSettings {
             RawUpdate::Naive => UpdateStrategy::Naive,
             RawUpdate::DriftCorrected => UpdateStrategy::DriftCorrected,
         }),
+        refine: base.refine,
         scv_bins: raw.scv_bins.unwrap_or(base.scv_bins),
         blur_sigma_px: raw.blur_sigma_px.unwrap_or(base.blur_sigma_px),
         weight_sigma_px: raw.weight_sigma_px.unwrap_or(base.weight_sigma_px),
