@@ -24,6 +24,8 @@ mod checkpoint;
 mod error;
 mod gaussian;
 mod grey;
+mod guess;
+mod kalman;
 mod likeness;
 mod lost;
 mod region;

@@ -3,6 +3,7 @@ use sonoloop_types::{Estimate, Image, Profile, Reason, TrackState, TrackerSettin
 use crate::checkpoint::is_flat;
 use crate::gaussian::{blur_taps, window_weights};
 use crate::grey::lit_median;
+use crate::guess::Guesser;
 use crate::likeness::Moments;
 use crate::region::{Inside, Region};
 use crate::register::Registrar;
@@ -26,8 +27,9 @@ const MAX_MOTION_PX: f64 = 1e4;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Context {
     /// Motion (u, v) of the tip in the picture since the last image, predicted from the measured insertion and arm
-    /// motion. `None`, or a value that is not finite, leaves the guess to the tip's last velocity. It moves the
-    /// initial guess and the place of the search, never the measurement.
+    /// motion; a value that is not finite counts as `None`. It moves the initial guess where the settings say so
+    /// ([`Guess::Insertion`](sonoloop_types::Guess::Insertion)), and the place of the search after a loss, never the
+    /// measurement.
     pub motion_px: Option<[f64; 2]>,
     /// The plane is still being moved: a good candidate stays RECOVERING and none of its images confirms it.
     pub hold_confirmation: bool,
@@ -47,6 +49,7 @@ pub struct Tracker {
     /// T_n.
     pub(crate) previous: Template,
     pub(crate) belief: Belief,
+    guesser: Guesser,
     pub(crate) registrar: Registrar,
     pub(crate) search: Search,
     pub(crate) region: Region,
@@ -61,7 +64,6 @@ pub(crate) struct Belief {
     pub state: TrackState,
     /// The last believed tip, carried along by measured motion while lost.
     pub tip_px: [f64; 2],
-    pub velocity_px: [f64; 2],
     /// Linear part of the template's warp, against T_1.
     pub linear: [[f64; 2]; 2],
     /// Images in a row that ended LOST.
@@ -81,7 +83,6 @@ impl Belief {
         Self {
             state,
             tip_px,
-            velocity_px: [0.0; 2],
             linear: Placement::at(tip_px).linear,
             lost_images: 0,
             candidate_px: None,
@@ -170,6 +171,7 @@ impl Tracker {
             region: Region::default(),
             taps: blur_taps(settings.blur_sigma_px),
             belief: Belief::at(state, tip_px),
+            guesser: Guesser::new(&settings, tip_px),
             last: Estimate::bare(state, Reason::Restarted, Some(tip_px)),
             settings,
             anchor,
@@ -213,7 +215,7 @@ impl Tracker {
 
     /// TRACKING: register, correct the drift, test.
     fn follow(&mut self, image: &Image, median: Option<f64>, motion_px: Option<[f64; 2]>) -> Estimate {
-        let guess_px = add(self.belief.tip_px, motion_px.unwrap_or(self.belief.velocity_px));
+        let guess_px = self.guesser.place_px(self.belief.tip_px, motion_px);
         let reach = self.tracking_reach();
         self.region.fill_about(image, &self.taps, guess_px, reach);
 
@@ -257,10 +259,7 @@ impl Tracker {
             let estimate = self.declare_lost(reason, motion_px, Some(view), iterations);
             return Estimate { conditioning: Some(found.conditioning), ..estimate };
         }
-        let kept = self.settings.velocity_memory;
-        let moved = add(at, self.belief.tip_px.map(|c| -c));
-        self.belief.velocity_px =
-            add(self.belief.velocity_px.map(|v| kept * v), moved.map(|d| (1.0 - kept) * d));
+        self.guesser.moved(self.belief.tip_px, at);
         self.belief.tip_px = at;
         self.belief.linear = found.place.linear;
         self.belief.hold_previous = self.belief.hold_previous.saturating_sub(1);
@@ -297,7 +296,6 @@ impl Tracker {
     ) -> Estimate {
         self.belief.tip_px = add(self.belief.tip_px, motion_px.unwrap_or_default());
         self.belief.state = TrackState::Lost;
-        self.belief.velocity_px = [0.0; 2];
         self.belief.lost_images = self.belief.lost_images.saturating_add(1);
         self.belief.candidate_px = None;
         self.belief.confirmed = 0;
@@ -309,6 +307,7 @@ impl Tracker {
     pub(crate) fn resume(&mut self, tip_px: [f64; 2], median: Option<f64>) {
         self.belief =
             Belief { hold_previous: HOLD_PREVIOUS_TEST, ..Belief::at(TrackState::Tracking, tip_px) };
+        self.guesser.rest(tip_px);
         if self.settings.update != UpdateStrategy::None {
             self.previous.refresh(&self.registrar.patch, median);
         }

@@ -54,6 +54,20 @@ pub enum UpdateStrategy {
     DriftCorrected,
 }
 
+/// Where the optimiser starts in the next image. It moves that start alone, never what is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Guess {
+    /// Where the tip was.
+    None,
+    /// On by its smoothed velocity, v ← m·v + (1 − m)·d after a motion d, with m = `velocity_memory`.
+    ConstantVelocity,
+    /// Where a constant-velocity Kalman filter of the tracked tips predicts it.
+    Kalman,
+    /// On by the motion that the needle robot and the arm have measured; by the smoothed velocity where there is none.
+    Insertion,
+}
+
 /// Every setting of the tracker.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TrackerSettings {
@@ -75,7 +89,9 @@ pub struct TrackerSettings {
     pub blur_sigma_px: f64,
     /// Gaussian weight about the tip in sums and NCCs, σ; 0 = uniform.
     pub weight_sigma_px: f64,
-    /// Share of the last velocity kept in the constant-velocity guess (v ← m·v + (1−m)·d); 1 = no guess.
+    /// Where the optimiser starts.
+    pub guess: Guess,
+    /// m, the share of the last velocity that a smoothed velocity keeps.
     pub velocity_memory: f64,
     /// Largest corner distance between the two registrations that accepts the update, ε_d.
     pub drift_tolerance_px: f64,
@@ -110,6 +126,7 @@ impl TrackerSettings {
             scv_bins: if template_px < 40 { 16 } else { 32 },
             blur_sigma_px: 1.5,
             weight_sigma_px: 3.0,
+            guess: Guess::Insertion,
             velocity_memory: 0.7,
             drift_tolerance_px: 3.0,
             max_iterations: 50,
@@ -126,7 +143,7 @@ impl TrackerSettings {
             Profile::Paper => Self {
                 blur_sigma_px: 0.0,
                 weight_sigma_px: 0.0,
-                velocity_memory: 1.0,
+                guess: Guess::None,
                 loss_ncc_anchor: -1.0,
                 loss_brightness_ratio: None,
                 recovery_ncc: 0.75,
