@@ -28,6 +28,7 @@ mod guess;
 mod kalman;
 mod likeness;
 mod lost;
+mod pyramid;
 mod region;
 mod register;
 mod scv;

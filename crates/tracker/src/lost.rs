@@ -132,6 +132,7 @@ impl Tracker {
             self.region.fill_about(image, &self.taps, found.at_px, reach);
             if self.registrar.sample(&self.region, found.at_px).is_ok() {
                 self.resume(found.at_px, median);
+                self.pyramid.remember(image, median, found.at_px);
                 reason = Reason::Ok;
             }
         }

@@ -5,6 +5,7 @@ use crate::gaussian::{blur_taps, window_weights};
 use crate::grey::lit_median;
 use crate::guess::Guesser;
 use crate::likeness::Moments;
+use crate::pyramid::Pyramid;
 use crate::region::{Inside, Region};
 use crate::register::Registrar;
 use crate::search::Search;
@@ -50,6 +51,7 @@ pub struct Tracker {
     pub(crate) previous: Template,
     pub(crate) belief: Belief,
     guesser: Guesser,
+    pub(crate) pyramid: Pyramid,
     pub(crate) registrar: Registrar,
     pub(crate) search: Search,
     pub(crate) region: Region,
@@ -140,6 +142,7 @@ impl Tracker {
             return Err(TrackerError::NoTexture { tip_px });
         }
         tracker.search = tracker.new_search();
+        tracker.pyramid.remember(image, median, tip_px);
         let view = tracker.view(Inside::all(side), median);
         tracker.last = Estimate { conditioning: None, ..tracker.estimate(Reason::Ok, tip_px, Some(view), 0) };
         Ok(tracker)
@@ -172,6 +175,7 @@ impl Tracker {
             taps: blur_taps(settings.blur_sigma_px),
             belief: Belief::at(state, tip_px),
             guesser: Guesser::new(&settings, tip_px),
+            pyramid: Pyramid::new(&settings, tracking_reach(anchor.side)),
             last: Estimate::bare(state, Reason::Restarted, Some(tip_px)),
             settings,
             anchor,
@@ -215,7 +219,8 @@ impl Tracker {
 
     /// TRACKING: register, correct the drift, test.
     fn follow(&mut self, image: &Image, median: Option<f64>, motion_px: Option<[f64; 2]>) -> Estimate {
-        let guess_px = self.guesser.place_px(self.belief.tip_px, motion_px);
+        let expected_px = self.guesser.place_px(self.belief.tip_px, motion_px);
+        let guess_px = self.pyramid.approach(image, median, expected_px);
         let reach = self.tracking_reach();
         self.region.fill_about(image, &self.taps, guess_px, reach);
 
@@ -266,6 +271,7 @@ impl Tracker {
         if update {
             self.previous.refresh(&self.registrar.patch, median);
         }
+        self.pyramid.remember(image, median, at);
         let estimate = self.estimate(Reason::Ok, at, Some(view), iterations);
         Estimate { conditioning: Some(found.conditioning), ..estimate }
     }
@@ -356,10 +362,8 @@ impl Tracker {
         }
     }
 
-    /// Half-side of the region a registration may wander in: the window, its border, and a good jump.
     fn tracking_reach(&self) -> usize {
-        let half = self.anchor.side / 2;
-        half + 3 + half.max(16)
+        tracking_reach(self.anchor.side)
     }
 
     /// What a restarted tracker needs to go on.
@@ -409,6 +413,11 @@ impl View {
         let differs = self.brightness_ratio.is_none_or(|ratio| ratio > ratio_limit);
         presence < least_presence || (differs && presence < PLAIN_PRESENCE)
     }
+}
+
+/// Half-side of the region a registration may wander in: the window, its border, and a good jump.
+fn tracking_reach(side: usize) -> usize {
+    side / 2 + 3 + (side / 2).max(16)
 }
 
 /// Whether the pixels match the size, and there are any.

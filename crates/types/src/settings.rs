@@ -93,6 +93,8 @@ pub struct TrackerSettings {
     pub guess: Guess,
     /// m, the share of the last velocity that a smoothed velocity keeps.
     pub velocity_memory: f64,
+    /// Resolutions at which the motion is registered, 1–3: 1 is the full one alone, 2 begins at half of it, 3 at a quarter.
+    pub pyramid_levels: u32,
     /// Largest corner distance between the two registrations that accepts the update, ε_d.
     pub drift_tolerance_px: f64,
     /// Most iterations per registration.
@@ -128,6 +130,7 @@ impl TrackerSettings {
             weight_sigma_px: 3.0,
             guess: Guess::Insertion,
             velocity_memory: 0.7,
+            pyramid_levels: 1,
             drift_tolerance_px: 3.0,
             max_iterations: 50,
             epsilon_px: 0.01,
