@@ -25,6 +25,7 @@ mod error;
 mod gaussian;
 mod grey;
 mod guess;
+mod hysteresis;
 mod kalman;
 mod likeness;
 mod lost;

@@ -4,6 +4,7 @@ use crate::checkpoint::is_flat;
 use crate::gaussian::{blur_taps, window_weights};
 use crate::grey::lit_median;
 use crate::guess::Guesser;
+use crate::hysteresis::{Hysteresis, View};
 use crate::likeness::Moments;
 use crate::pyramid::Pyramid;
 use crate::region::{Inside, Region};
@@ -13,14 +14,6 @@ use crate::template::Template;
 use crate::warp::Placement;
 use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
 
-/// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
-/// that may still be settling, and the paper's recovery threshold lies below its loss threshold.
-const HOLD_PREVIOUS_TEST: u32 = 2;
-/// Share of the first template's contrast below which the tip is gone. With a tip some 28 dB over the
-/// speckle on a logarithmic display, one half is left at −14 dB: 1.8 σ of the elevational beam off the plane.
-const LOSS_PRESENCE: f64 = 0.5;
-/// Share of the contrast at which the tip is there whatever its surroundings look like.
-const PLAIN_PRESENCE: f64 = 0.75;
 /// A measured motion beyond this is not one of an ultrasound picture.
 const MAX_MOTION_PX: f64 = 1e4;
 
@@ -63,46 +56,21 @@ pub struct Tracker {
 /// What changes from image to image, beside the templates.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Belief {
-    pub state: TrackState,
+    pub state: Hysteresis,
     /// The last believed tip, carried along by measured motion while lost.
     pub tip_px: [f64; 2],
     /// Linear part of the template's warp, against T_1.
     pub linear: [[f64; 2]; 2],
-    /// Images in a row that ended LOST.
-    pub lost_images: u32,
     /// The place being confirmed, while RECOVERING.
     pub candidate_px: Option<[f64; 2]>,
-    /// Images that have confirmed it.
-    pub confirmed: u32,
-    /// Images for which the test of T_n is still held off.
-    pub hold_previous: u32,
     /// No image has been seen since the restart.
     pub restarted: bool,
 }
 
 impl Belief {
-    fn at(state: TrackState, tip_px: [f64; 2]) -> Self {
-        Self {
-            state,
-            tip_px,
-            linear: Placement::at(tip_px).linear,
-            lost_images: 0,
-            candidate_px: None,
-            confirmed: 0,
-            hold_previous: 0,
-            restarted: false,
-        }
+    fn at(state: Hysteresis, tip_px: [f64; 2]) -> Self {
+        Self { state, tip_px, linear: Placement::at(tip_px).linear, candidate_px: None, restarted: false }
     }
-}
-
-/// A registered place, compared with both templates.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct View {
-    pub ncc_previous: Option<f64>,
-    pub ncc_anchor: Option<f64>,
-    pub brightness_ratio: Option<f64>,
-    pub presence: Option<f64>,
-    pub level: f64,
 }
 
 impl Tracker {
@@ -155,7 +123,7 @@ impl Tracker {
         let templates = checkpoint.templates(&settings)?;
         let (picture_px, tip_px) = (checkpoint.picture_px, checkpoint.tip_px);
         let mut tracker = Self::assemble(settings, templates, picture_px, tip_px, TrackState::Lost);
-        tracker.belief.lost_images = checkpoint.lost_images;
+        tracker.belief.state = Hysteresis::lost_for(checkpoint.lost_images);
         tracker.belief.restarted = true;
         Ok(tracker)
     }
@@ -173,7 +141,7 @@ impl Tracker {
             search: Search::new(&anchor, settings.blur_sigma_px, settings.weight_sigma_px, [1, 1]),
             region: Region::default(),
             taps: blur_taps(settings.blur_sigma_px),
-            belief: Belief::at(state, tip_px),
+            belief: Belief::at(Hysteresis::new(state), tip_px),
             guesser: Guesser::new(&settings, tip_px),
             pyramid: Pyramid::new(&settings, tracking_reach(anchor.side)),
             last: Estimate::bare(state, Reason::Restarted, Some(tip_px)),
@@ -207,7 +175,7 @@ impl Tracker {
             self.declare_lost(Reason::OutOfImage, motion_px, None, 0)
         } else {
             let median = lit_median(image);
-            match self.belief.state {
+            match self.belief.state.state() {
                 TrackState::Tracking => self.follow(image, median, motion_px),
                 _ => self.seek(image, median, motion_px, context),
             }
@@ -260,36 +228,20 @@ impl Tracker {
             Ok(inside) => self.view(inside, median),
             Err(reason) => return self.declare_lost(reason, motion_px, None, iterations),
         };
-        if let Some(reason) = self.loss(&view) {
+        if let Some(reason) = self.belief.state.loss(&self.settings, &view) {
             let estimate = self.declare_lost(reason, motion_px, Some(view), iterations);
             return Estimate { conditioning: Some(found.conditioning), ..estimate };
         }
         self.guesser.moved(self.belief.tip_px, at);
         self.belief.tip_px = at;
         self.belief.linear = found.place.linear;
-        self.belief.hold_previous = self.belief.hold_previous.saturating_sub(1);
+        self.belief.state.tracked();
         if update {
             self.previous.refresh(&self.registrar.patch, median);
         }
         self.pyramid.remember(image, median, at);
         let estimate = self.estimate(Reason::Ok, at, Some(view), iterations);
         Estimate { conditioning: Some(found.conditioning), ..estimate }
-    }
-
-    /// The first test that fails. A correlation that cannot be computed (a flat patch) counts as failed.
-    fn loss(&self, view: &View) -> Option<Reason> {
-        let below = |ncc: Option<f64>, threshold: f64| ncc.is_none_or(|ncc| ncc < threshold);
-        let dim =
-            self.settings.loss_brightness_ratio.is_some_and(|limit| view.is_faded(limit, LOSS_PRESENCE));
-        if self.belief.hold_previous == 0 && below(view.ncc_previous, self.settings.loss_ncc_previous) {
-            Some(Reason::NccPrevious)
-        } else if below(view.ncc_anchor, self.settings.loss_ncc_anchor) {
-            Some(Reason::NccAnchor)
-        } else if dim {
-            Some(Reason::Brightness)
-        } else {
-            None
-        }
     }
 
     /// Freezes templates and tip; the tip only follows what was measured to have moved.
@@ -301,18 +253,15 @@ impl Tracker {
         iterations: u32,
     ) -> Estimate {
         self.belief.tip_px = add(self.belief.tip_px, motion_px.unwrap_or_default());
-        self.belief.state = TrackState::Lost;
-        self.belief.lost_images = self.belief.lost_images.saturating_add(1);
+        self.belief.state.lost();
         self.belief.candidate_px = None;
-        self.belief.confirmed = 0;
         let reason = if self.belief.restarted { Reason::Restarted } else { reason };
         self.estimate(reason, self.belief.tip_px, view, iterations)
     }
 
     /// Believes a confirmed candidate; the registrar's patch is the one about it.
     pub(crate) fn resume(&mut self, tip_px: [f64; 2], median: Option<f64>) {
-        self.belief =
-            Belief { hold_previous: HOLD_PREVIOUS_TEST, ..Belief::at(TrackState::Tracking, tip_px) };
+        self.belief = Belief::at(Hysteresis::recovered(), tip_px);
         self.guesser.rest(tip_px);
         if self.settings.update != UpdateStrategy::None {
             self.previous.refresh(&self.registrar.patch, median);
@@ -332,7 +281,7 @@ impl Tracker {
             brightness_ratio: view.and_then(|view| view.brightness_ratio),
             tip_level: view.map(|view| view.level.clamp(0.0, 255.0)),
             iterations,
-            ..Estimate::bare(self.belief.state, reason, Some(tip_px))
+            ..Estimate::bare(self.belief.state.state(), reason, Some(tip_px))
         }
     }
 
@@ -374,13 +323,13 @@ impl Tracker {
             anchor: SavedTemplate::from(&self.anchor),
             previous: SavedTemplate::from(&self.previous),
             tip_px: self.belief.tip_px,
-            lost_images: self.belief.lost_images,
+            lost_images: self.belief.state.lost_images(),
         }
     }
 
     /// State after the last image.
     pub fn state(&self) -> TrackState {
-        self.belief.state
+        self.belief.state.state()
     }
 
     /// Tip (u, v) in pixels: the estimate, or the last believed one while LOST or RECOVERING.
@@ -401,17 +350,6 @@ impl Tracker {
     /// The last answer; for a new tracker that of the image it was made from.
     pub fn last_estimate(&self) -> Estimate {
         self.last
-    }
-}
-
-impl View {
-    /// Whether the brightness test fails: too little of T_1's contrast is left, or the patch differs
-    /// too much from T_1 and does not plainly stand out either. (A tip that passes through a brighter or darker
-    /// inclusion differs from T_1 all around and is there none the less.)
-    pub fn is_faded(&self, ratio_limit: f64, least_presence: f64) -> bool {
-        let presence = self.presence.unwrap_or(0.0);
-        let differs = self.brightness_ratio.is_none_or(|ratio| ratio > ratio_limit);
-        presence < least_presence || (differs && presence < PLAIN_PRESENCE)
     }
 }
 
