@@ -87,6 +87,6 @@ impl From<&Template> for SavedTemplate {
 pub(crate) fn is_flat(template: &Template, settings: &TrackerSettings) -> bool {
     let weights = Weights::new(template.window.side, settings.weight_sigma_px);
     let (padded, part) = (&template.padded, weights.part);
-    Moments::of(Instructions::PLAIN, weights.window, part, weights.whole(), padded, padded)
+    Moments::of(Instructions::PLAIN, weights.window, part, weights.values(), padded, padded)
         .is_none_or(|m| m.b_is_flat())
 }

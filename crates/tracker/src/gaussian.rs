@@ -32,6 +32,7 @@ pub(crate) struct Weights {
     /// Those of the pixels inside the picture, and which these are.
     cut: Vec<f32>,
     cut_to: Inside,
+    is_cut: bool,
 }
 
 impl Weights {
@@ -48,15 +49,14 @@ impl Weights {
                 *weight = axis[x] * axis[y];
             }
         }
-        Self { window, part, cut: vec![0.0; whole.len()], cut_to: Inside { x: [0; 2], y: [0; 2] }, whole }
+        let (cut, cut_to) = (vec![0.0; whole.len()], Inside { x: [0; 2], y: [0; 2] });
+        Self { window, part, cut, cut_to, is_cut: false, whole }
     }
 
-    /// The weights, zero where the window lies outside of the picture.
-    pub fn within(&mut self, inside: Inside) -> &[f32] {
-        if inside == Inside::all(self.window.side) {
-            return &self.whole;
-        }
-        if inside != self.cut_to {
+    /// Leaves out what lies outside of the picture, until the next call.
+    pub fn cut(&mut self, inside: Inside) {
+        self.is_cut = inside != Inside::all(self.window.side);
+        if self.is_cut && inside != self.cut_to {
             self.cut_to = inside;
             self.cut.fill(0.0);
             let stride = self.window.stride();
@@ -65,12 +65,11 @@ impl Weights {
                 self.cut[row.clone()].copy_from_slice(&self.whole[row]);
             }
         }
-        &self.cut
     }
 
-    /// All weights of the window.
-    pub fn whole(&self) -> &[f32] {
-        &self.whole
+    /// One weight for every value of the window.
+    pub fn values(&self) -> &[f32] {
+        if self.is_cut { &self.cut } else { &self.whole }
     }
 }
 
@@ -99,22 +98,24 @@ mod tests {
     #[test]
     fn truth_weights_follow_the_bell_and_end_at_four_sigma() {
         let weights = Weights::new(61, 3.0);
-        let at = |x: usize, y: usize| weights.whole()[y * weights.window.stride() + x];
+        let at = |x: usize, y: usize| weights.values()[y * weights.window.stride() + x];
         assert_eq!(at(30, 30), 1.0);
         assert!((at(33, 30) - 0.606_530_7).abs() < 1e-6);
         assert!((at(33, 33) - 0.367_879_4).abs() < 1e-6);
         assert_eq!(weights.part, Part { first: 18, end: 43 });
         assert!(at(42, 30) > 0.0 && at(43, 30) == 0.0 && at(17, 30) == 0.0 && at(18, 30) > 0.0);
         let uniform = Weights::new(20, 0.0);
-        assert_eq!(uniform.whole().iter().sum::<f32>(), 400.0);
+        assert_eq!(uniform.values().iter().sum::<f32>(), 400.0);
     }
 
     #[test]
     fn weights_outside_of_the_picture_are_zero() {
         let mut weights = Weights::new(20, 0.0);
         let inside = Inside { x: [4, 20], y: [0, 3] };
-        assert_eq!(weights.within(inside).iter().sum::<f32>(), 48.0);
-        assert_eq!(weights.within(Inside::all(20)).iter().sum::<f32>(), 400.0);
-        assert_eq!(weights.within(inside)[3], 0.0);
+        for (inside, sum) in [(inside, 48.0), (Inside::all(20), 400.0), (inside, 48.0)] {
+            weights.cut(inside);
+            assert_eq!(weights.values().iter().sum::<f32>(), sum);
+        }
+        assert_eq!(weights.values()[3..5], [0.0, 1.0]);
     }
 }

@@ -151,7 +151,7 @@ mod tests {
     fn moments(a: &[f32], b: &[f32], sigma_px: f64) -> Moments {
         let weights = Weights::new(SIDE, sigma_px);
         let [a, b] = [a, b].map(|pixels| Template::from_pixels(SIDE, pixels, None).padded);
-        let of = |set| Moments::of(set, weights.window, weights.part, weights.whole(), &a, &b).unwrap();
+        let of = |set| Moments::of(set, weights.window, weights.part, weights.values(), &a, &b).unwrap();
         let [plain, widest] = [Instructions::PLAIN, Instructions::widest()].map(of);
         assert_eq!(plain, widest);
         plain

@@ -1,12 +1,12 @@
 //! LOST and RECOVERING: search, candidate, confirmation.
 
-use sonoloop_types::{Estimate, Image, Reason, TrackState};
+use sonoloop_types::{Estimate, Image, Reason};
 
 use crate::Tracker;
-use crate::likeness::Moments;
+use crate::hysteresis::{Hysteresis, View};
 use crate::search::{PEAKS, Peaks};
 use crate::shaft;
-use crate::tracker::{Context, View, add, distance};
+use crate::tracker::{Context, add, distance};
 use crate::warp::Placement;
 
 /// The near search begins this far about the last tip …
@@ -17,9 +17,6 @@ const NEAR_GROWTH_PX: f64 = 3.0;
 const REFINE_PX: i32 = 2;
 /// An optimiser that leaves the peak it began at found something else.
 const MAX_MOVE_PX: f64 = 3.0;
-/// A candidate needs more of the tip's contrast than a tracked tip may fall to: hysteresis, and speckle in a bright
-/// inclusion reaches one half.
-const RECOVERY_PRESENCE: f64 = 0.7;
 /// The needle stands still while it is sought, so of two places alike the nearer one is likelier: what a pixel of
 /// distance from the expected place costs in NCC.
 const NCC_PER_PX: f64 = 0.002;
@@ -83,7 +80,7 @@ impl Tracker {
         }
         let same = best.is_some();
         if best.is_none() {
-            let widened = self.belief.lost_images.min(self.settings.whole_image_after);
+            let widened = self.belief.state.lost_images().min(self.settings.whole_image_after);
             let reach_px = NEAR_PX + NEAR_GROWTH_PX * f64::from(widened);
             let peaks = self.search.peaks(image, Some((centre_px, reach_px)));
             best = self.score_all(image, &sought, peaks, &mut iterations);
@@ -91,7 +88,9 @@ impl Tracker {
         // What was seen near the last tip is reported even when it is rejected: over a sweep in elevation its
         // correlation rises towards the tip's plane.
         let near = best;
-        if !best.is_some_and(|s| s.accepted) && self.belief.lost_images >= self.settings.whole_image_after {
+        if !best.is_some_and(|s| s.accepted)
+            && self.belief.state.lost_images() >= self.settings.whole_image_after
+        {
             let peaks = self.search.peaks(image, None);
             let far = self.score_all(image, &sought, peaks, &mut iterations);
             best = better(best, far.filter(|s| s.accepted));
@@ -123,15 +122,14 @@ impl Tracker {
     ) -> Estimate {
         self.belief.tip_px = add(self.belief.tip_px, motion);
         self.belief.candidate_px = Some(found.at_px);
-        self.belief.confirmed = if same { self.belief.confirmed } else { 0 } + u32::from(!hold);
-        self.belief.state = TrackState::Recovering;
         let mut reason = Reason::Candidate;
-        if self.belief.confirmed >= self.settings.confirmation_images {
+        if self.belief.state.candidate(&self.settings, same, hold) {
             // Other peaks may have been sampled since.
             let reach = self.scoring_reach();
             self.region.fill_about(self.registrar.instructions, image, &self.taps, found.at_px, reach);
             if self.registrar.sample(&self.region, &Placement::at(found.at_px)).is_ok() {
                 self.resume(found.at_px, median);
+                self.pyramid.remember(image, median, found.at_px);
                 reason = Reason::Ok;
             }
         }
@@ -164,8 +162,8 @@ impl Tracker {
         let reach = self.scoring_reach();
         self.region.fill_about(self.registrar.instructions, image, &self.taps, peak_px, reach);
         let start_px = self.refine(peak_px)?;
-        let inside = self.registrar.sample(&self.region, &Placement::at(start_px)).ok()?;
-        let rejected = sought.scored(start_px, self.view(inside, sought.median), None, false);
+        let view = self.view_at(&Placement::at(start_px), sought.median).ok()?;
+        let rejected = sought.scored(start_px, view, None, false);
 
         let change = self.change(&self.anchor, sought.median);
         let end = match self.registrar.run(&self.region, &self.anchor, change, Placement::at(start_px)) {
@@ -177,19 +175,12 @@ impl Tracker {
         };
         *iterations += end.iterations;
         let at_px = end.place.centre_px;
-        let Ok(inside) = self.registrar.sample(&self.region, &end.place) else {
+        let Ok(view) = self.view_at(&end.place, sought.median) else {
             return Some(rejected);
         };
-        let view = self.view(inside, sought.median);
-        // It must look like the first template, and like the last one too: that is how the tip looked just before it
-        // was lost (the paper's own criterion), and short of its threshold it would be lost again at once.
-        let recovery_ncc = self.settings.recovery_ncc;
-        let alike = view.ncc_anchor.is_some_and(|ncc| ncc >= recovery_ncc)
-            && view.ncc_previous.is_some_and(|ncc| ncc >= recovery_ncc.min(self.settings.loss_ncc_previous));
-        let bright =
-            self.settings.loss_brightness_ratio.is_none_or(|limit| !view.is_faded(limit, RECOVERY_PRESENCE));
+        let alike = Hysteresis::accepts(&self.settings, &view);
         let is_tip = sought.axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
-        let accepted = alike && bright && is_tip && distance(start_px, at_px) < MAX_MOVE_PX;
+        let accepted = alike && is_tip && distance(start_px, at_px) < MAX_MOVE_PX;
         let scored = sought.scored(at_px, view, Some(end.conditioning), accepted);
         better(Some(scored), Some(rejected))
     }
@@ -200,13 +191,10 @@ impl Tracker {
         for dv in -REFINE_PX..=REFINE_PX {
             for du in -REFINE_PX..=REFINE_PX {
                 let at = add(peak_px, [f64::from(du), f64::from(dv)]);
-                let Ok(inside) = self.registrar.sample(&self.region, &Placement::at(at)) else { continue };
-                let registrar = &mut self.registrar;
-                let (window, part) = (registrar.window, registrar.weights.part);
-                let (weights, patch) = (registrar.weights.within(inside), &registrar.patch);
-                let moments =
-                    Moments::of(registrar.instructions, window, part, weights, patch, &self.anchor.padded);
-                let Some(ncc) = moments.and_then(|m| m.ncc()) else { continue };
+                if self.registrar.sample(&self.region, &Placement::at(at)).is_err() {
+                    continue;
+                }
+                let Some(ncc) = self.moments(&self.anchor.padded).and_then(|m| m.ncc()) else { continue };
                 if best.is_none_or(|(highest, _)| ncc > highest) {
                     best = Some((ncc, at));
                 }

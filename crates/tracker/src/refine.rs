@@ -51,7 +51,7 @@ pub(crate) struct Refinement {
 impl Refinement {
     pub fn new(instructions: Instructions, settings: &TrackerSettings) -> Self {
         let side = settings.template_px as usize;
-        let ring = Weights::new(side, TIP_SIGMA_PX).whole().iter().map(|weight| 1.0 - weight).collect();
+        let ring = Weights::new(side, TIP_SIGMA_PX).values().iter().map(|weight| 1.0 - weight).collect();
         let mut refinement = Self {
             registrar: Registrar::new(instructions, settings, settings.warp, 0.0),
             region: Region::default(),
@@ -69,13 +69,15 @@ impl Refinement {
         refinement
     }
 
-    /// Takes the unblurred T_1; `false` when too little of it lies inside the picture.
+    /// Takes the unblurred T_1.
     pub fn begin(&mut self, image: &Image, tip_px: [f64; 2], median: Option<f64>) {
         self.see(image, tip_px);
-        if self.registrar.sample(&self.region, &Placement::at(tip_px)).is_ok() {
+        let place = Placement::at(tip_px);
+        if self.registrar.sample(&self.region, &place).is_ok() {
             self.anchor.refresh(&self.registrar.patch, median);
+            self.last = Some(place);
+            self.keep(median);
         }
-        self.keep(&Placement::at(tip_px), median);
     }
 
     /// The tip was not tracked in this image.
@@ -83,31 +85,39 @@ impl Refinement {
         self.last = None;
     }
 
-    /// The refined placement from `found` on, and the optimiser's iterations; the placement itself where the surroundings
-    /// do not move along, or nothing better was found.
-    pub fn refine(&mut self, image: &Image, median: Option<f64>, found: &Placement) -> (Placement, u32) {
+    /// Where T_1 is, seen sharply, from `found` on, and the optimiser's iterations; `None` where the surroundings do not move
+    /// along, or nothing was found near.
+    pub fn refine(
+        &mut self,
+        image: &Image,
+        median: Option<f64>,
+        found: &Placement,
+    ) -> (Option<Placement>, u32) {
         self.see(image, found.centre_px);
         let change = self.anchor.change_to(median);
-        let still = self.last.and_then(|last| self.difference(&last, median));
-        let end = match self.registrar.run(&self.region, &self.anchor, change, *found) {
-            Ok(end) => end,
-            Err(failure) => {
-                self.keep(found, median);
-                return (*found, failure.iterations);
-            }
+        let still = self.last.and_then(|last| {
+            self.registrar.sample(&self.region, &last).ok()?;
+            Some(self.difference(median))
+        });
+        let (place, iterations) = match self.registrar.run(&self.region, &self.anchor, change, *found) {
+            Ok(end) => (Some(end.place), end.iterations),
+            Err(failure) => (None, failure.iterations),
         };
-        let mut place = *found;
-        if distance(end.place.centre_px, found.centre_px) < MAX_MOVE_PX {
-            if let (Some(still), Some(moved)) = (still, self.difference(&end.place, median)) {
-                self.still += MEMORY * (still - self.still);
-                self.moved += MEMORY * (moved - self.moved);
-            }
-            if self.moved < MOVES_ALONG * self.still {
-                place = end.place;
-            }
+        let near = place.filter(|place| distance(place.centre_px, found.centre_px) < MAX_MOVE_PX);
+        let near = near.filter(|place| self.registrar.sample(&self.region, place).is_ok());
+        if let (Some(still), Some(_)) = (still, near) {
+            let moved = self.difference(median);
+            self.still += MEMORY * (still - self.still);
+            self.moved += MEMORY * (moved - self.moved);
         }
-        self.keep(&place, median);
-        (place, end.iterations)
+        let refined = near.filter(|_| self.moved < MOVES_ALONG * self.still);
+        if refined.is_none() {
+            self.last = Some(*found).filter(|found| self.registrar.sample(&self.region, found).is_ok());
+        } else {
+            self.last = refined;
+        }
+        self.keep(median);
+        (refined, iterations)
     }
 
     /// Reads the surroundings of a point.
@@ -118,20 +128,18 @@ impl Refinement {
         self.region.fill_about(self.registrar.instructions, image, &[1.0], centre_px, reach);
     }
 
-    /// Mean squared difference of the ring at a placement to the last image's.
-    fn difference(&mut self, place: &Placement, median: Option<f64>) -> Option<f64> {
-        self.registrar.sample(&self.region, place).ok()?;
+    /// Mean squared difference of the patch's ring to the last image's.
+    fn difference(&self, median: Option<f64>) -> f64 {
         let change = self.previous.change_to(median);
-        let (window, patch) = (self.registrar.window, &self.registrar.patch);
-        Some(ring_difference(self.registrar.instructions, window, &self.ring, patch, &self.previous.padded, change))
+        let Registrar { instructions, window, patch, .. } = &self.registrar;
+        ring_difference(*instructions, *window, &self.ring, patch, &self.previous.padded, change)
     }
 
-    fn keep(&mut self, place: &Placement, median: Option<f64>) {
-        self.last = None;
-        if self.registrar.sample(&self.region, place).is_ok() {
+    /// The patch, which is that of the last place, is the one to compare with next.
+    fn keep(&mut self, median: Option<f64>) {
+        if self.last.is_some() {
             self.previous.padded.copy_from_slice(&self.registrar.patch);
             self.previous.median = median;
-            self.last = Some(*place);
         }
     }
 }

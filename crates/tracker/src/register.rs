@@ -8,7 +8,7 @@ use sonoloop_simd::Instructions;
 use sonoloop_types::{Optimisation, Profile, Reason, Similarity, TrackerSettings, Warp};
 
 use crate::gaussian::Weights;
-use crate::region::{Inside, Region};
+use crate::region::Region;
 use crate::scv::Conditional;
 use crate::sums::{Comparison, translation_sums};
 use crate::template::{Template, gradient};
@@ -97,11 +97,12 @@ impl Registrar {
     }
 
     /// Samples the patch at a placement; `Err` when too little of it lies inside the picture or the region.
-    pub fn sample(&mut self, region: &Region, place: &Placement) -> Result<Inside, Reason> {
+    pub fn sample(&mut self, region: &Region, place: &Placement) -> Result<(), Reason> {
         let (window, part) = (self.window, self.weights.part);
         let inside = region.sample(self.instructions, place, window, part, &mut self.patch);
         let inside = inside.ok_or(Reason::Diverged)?;
-        if 2 * inside.count() < window.side * window.side { Err(Reason::OutOfImage) } else { Ok(inside) }
+        self.weights.cut(inside);
+        if 2 * inside.count() < window.side * window.side { Err(Reason::OutOfImage) } else { Ok(()) }
     }
 
     /// Finds `template` in `region`, from `start` on; `change` is Δ, how much brighter the image has become.
@@ -143,16 +144,17 @@ impl Registrar {
         let mut approaching = self.approaches();
         let mut adapted_at: Option<[f64; 2]> = None;
         let mut conditioning = 0.0;
+        let mut before_px = None;
         for iteration in 1..=self.max_iterations {
             let fail = |reason| Failure { reason, iterations: iteration };
-            let inside = self.sample(region, &place).map_err(fail)?;
+            self.sample(region, &place).map_err(fail)?;
             let at = place.centre_px;
             let stale = adapted_at.is_none_or(|then| self.approach && distance(at, then) > NEAR_PX);
             if self.is_conditional() && !approaching && stale {
-                self.adapt(template, inside);
+                self.adapt(template);
                 adapted_at = Some(at);
             }
-            let comparison = self.comparison(template, change, adapted_at.is_some(), inside);
+            let comparison = self.comparison(template, change, adapted_at.is_some());
             let sums = translation_sums(comparison.0, &comparison.1);
             let (step, ratio) = solve(sums).ok_or_else(|| fail(Reason::Singular))?;
             let length = (step[0] * step[0] + step[1] * step[1]).sqrt();
@@ -163,27 +165,40 @@ impl Registrar {
             conditioning = ratio;
             if approaching {
                 approaching = length >= NEAR_PX && iteration < Self::MAX_APPROACH;
-            } else if length < self.epsilon_px {
+            } else if self.has_converged(length, before_px) {
                 return Ok(Registration { place, iterations: iteration, conditioning });
             }
+            before_px = Some(length);
         }
         Ok(Registration { place, iterations: self.max_iterations, conditioning })
     }
 
-    pub(crate) fn adapt(&mut self, template: &Template, inside: Inside) {
-        let part = self.weights.part;
-        let weights = self.weights.within(inside);
+    /// Whether an iteration that moved the corners by `moved_px`, after one by `before_px`, was the last.
+    ///
+    /// The paper stops at a short step. Steps shrink by a factor r each, so what is left after one is r/(1 − r) of it; the
+    /// robust profile stops when *that* is short, an iteration earlier.
+    pub(crate) fn has_converged(&self, moved_px: f64, before_px: Option<f64>) -> bool {
+        let left_px = match before_px {
+            Some(before_px) if self.approach && moved_px < 0.5 * before_px => {
+                moved_px * moved_px / (before_px - moved_px)
+            }
+            _ => moved_px,
+        };
+        left_px < self.epsilon_px
+    }
+
+    pub(crate) fn adapt(&mut self, template: &Template) {
+        let (weights, part) = (self.weights.values(), self.weights.part);
         self.conditional.adapt(weights, self.window, part, &template.padded, &self.patch, &mut self.adapted);
         gradient(&self.adapted, self.window, &mut self.adapted_u, &mut self.adapted_v);
     }
 
     /// The patch against T̂ once it is `adapted`, else against T itself with its grey levels shifted by the image's change.
     pub(crate) fn comparison<'a>(
-        &'a mut self,
+        &'a self,
         template: &'a Template,
         change: f32,
         adapted: bool,
-        inside: Inside,
     ) -> (Instructions, Comparison<'a>) {
         let part = self.weights.part;
         let [padded, grad_u, grad_v] = if adapted {
@@ -194,7 +209,7 @@ impl Registrar {
         let comparison = Comparison {
             window: self.window,
             part,
-            weights: self.weights.within(inside),
+            weights: self.weights.values(),
             patch: &self.patch,
             padded,
             grad_u,

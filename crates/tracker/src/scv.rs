@@ -151,7 +151,7 @@ mod tests {
         let [template, image] = [template, image].map(|p| Template::from_pixels(side, p, None).padded);
         let mut adapted = vec![0.0; template.len()];
         let (window, part) = (weights.window, weights.part);
-        Conditional::new(16).adapt(weights.whole(), window, part, &template, &image, &mut adapted);
+        Conditional::new(16).adapt(weights.values(), window, part, &template, &image, &mut adapted);
         window.pixels(&adapted).collect()
     }
 

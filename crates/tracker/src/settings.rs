@@ -16,6 +16,7 @@ pub(crate) fn check(settings: &TrackerSettings) -> Result<(), TrackerError> {
         within("weight_sigma_px", settings.weight_sigma_px, 1.0, 1000.0, "0, or at least 1")?;
     }
     within("velocity_memory", settings.velocity_memory, 0.0, 1.0, "in [0, 1]")?;
+    within("pyramid_levels", settings.pyramid_levels.into(), 1.0, 3.0, "in [1, 3]")?;
     within("drift_tolerance_px", settings.drift_tolerance_px, 0.0, 128.0, "in [0, 128]")?;
     within("max_iterations", settings.max_iterations.into(), 1.0, 1000.0, "in [1, 1000]")?;
     within("epsilon_px", settings.epsilon_px, 1e-6, 1.0, "in [1e-6, 1]")?;

@@ -165,7 +165,7 @@ mod tests {
                 let (own, its) = (gradient(patch), gradient(template));
                 let g = [0, 1].map(|axis| (1.0 - share) * own[axis] + share * its[axis]);
                 let e = at(patch, i + 1, k + 1) - at(template, i + 1, k + 1) - change;
-                let w = f64::from(weights.whole()[k * weights.window.stride() + i]);
+                let w = f64::from(weights.values()[k * weights.window.stride() + i]);
                 sums.weight += w;
                 sums.squares += w * e * e;
                 for (sum, phi) in sums.gradients.iter_mut().zip([1.0, x, y, x * x, x * y, y * y]) {
@@ -202,7 +202,7 @@ mod tests {
             let comparison = Comparison {
                 window: weights.window,
                 part: weights.part,
-                weights: weights.whole(),
+                weights: weights.values(),
                 patch: &p.padded,
                 padded: &t.padded,
                 grad_u: &t.grad_u,

@@ -4,23 +4,18 @@ use sonoloop_types::{Estimate, Image, Profile, Reason, TrackState, TrackerSettin
 use crate::checkpoint::is_flat;
 use crate::gaussian::blur_taps;
 use crate::grey::lit_median;
+use crate::guess::Guesser;
+use crate::hysteresis::{Hysteresis, View};
 use crate::likeness::Moments;
-use crate::region::{Inside, Region};
+use crate::pyramid::Pyramid;
+use crate::region::Region;
 use crate::refine::Refinement;
 use crate::register::Registrar;
 use crate::search::Search;
 use crate::template::Template;
-use crate::warp::Placement;
+use crate::warp::{Placement, UPRIGHT};
 use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
 
-/// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
-/// that may still be settling, and the paper's recovery threshold lies below its loss threshold.
-const HOLD_PREVIOUS_TEST: u32 = 2;
-/// Share of the first template's contrast below which the tip is gone. With a tip some 28 dB over the
-/// speckle on a logarithmic display, one half is left at −14 dB: 1.8 σ of the elevational beam off the plane.
-const LOSS_PRESENCE: f64 = 0.5;
-/// Share of the contrast at which the tip is there whatever its surroundings look like.
-const PLAIN_PRESENCE: f64 = 0.75;
 /// A measured motion beyond this is not one of an ultrasound picture.
 const MAX_MOTION_PX: f64 = 1e4;
 
@@ -28,8 +23,9 @@ const MAX_MOTION_PX: f64 = 1e4;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Context {
     /// Motion (u, v) of the tip in the picture since the last image, predicted from the measured insertion and arm
-    /// motion. `None`, or a value that is not finite, leaves the guess to the tip's last velocity. It moves the
-    /// initial guess and the place of the search, never the measurement.
+    /// motion; a value that is not finite counts as `None`. It moves the initial guess where the settings say so
+    /// ([`Guess::Insertion`](sonoloop_types::Guess::Insertion)), and the place of the search after a loss, never the
+    /// measurement.
     pub motion_px: Option<[f64; 2]>,
     /// The plane is still being moved: a good candidate stays RECOVERING and none of its images confirms it.
     pub hold_confirmation: bool,
@@ -49,6 +45,8 @@ pub struct Tracker {
     /// T_n.
     pub(crate) previous: Template,
     pub(crate) belief: Belief,
+    guesser: Guesser,
+    pub(crate) pyramid: Pyramid,
     pub(crate) registrar: Registrar,
     pub(crate) search: Search,
     pub(crate) region: Region,
@@ -61,48 +59,21 @@ pub struct Tracker {
 /// What changes from image to image, beside the templates.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Belief {
-    pub state: TrackState,
+    pub state: Hysteresis,
     /// The last believed tip, carried along by measured motion while lost.
     pub tip_px: [f64; 2],
-    pub velocity_px: [f64; 2],
     /// Linear part of the template's warp, against T_1.
     pub linear: [[f64; 2]; 2],
-    /// Images in a row that ended LOST.
-    pub lost_images: u32,
     /// The place being confirmed, while RECOVERING.
     pub candidate_px: Option<[f64; 2]>,
-    /// Images that have confirmed it.
-    pub confirmed: u32,
-    /// Images for which the test of T_n is still held off.
-    pub hold_previous: u32,
     /// No image has been seen since the restart.
     pub restarted: bool,
 }
 
 impl Belief {
-    fn at(state: TrackState, tip_px: [f64; 2]) -> Self {
-        Self {
-            state,
-            tip_px,
-            velocity_px: [0.0; 2],
-            linear: Placement::at(tip_px).linear,
-            lost_images: 0,
-            candidate_px: None,
-            confirmed: 0,
-            hold_previous: 0,
-            restarted: false,
-        }
+    fn at(state: Hysteresis, tip_px: [f64; 2]) -> Self {
+        Self { state, tip_px, linear: Placement::at(tip_px).linear, candidate_px: None, restarted: false }
     }
-}
-
-/// A registered place, compared with both templates.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct View {
-    pub ncc_previous: Option<f64>,
-    pub ncc_anchor: Option<f64>,
-    pub brightness_ratio: Option<f64>,
-    pub presence: Option<f64>,
-    pub level: f64,
 }
 
 impl Tracker {
@@ -144,8 +115,9 @@ impl Tracker {
             refinement.begin(image, tip_px, median);
         }
         tracker.search = tracker.new_search();
-        let view = tracker.view(Inside::all(side), median);
-        tracker.last = Estimate { conditioning: None, ..tracker.estimate(Reason::Ok, tip_px, Some(view), 0) };
+        tracker.pyramid.remember(image, median, tip_px);
+        let view = tracker.view_at(&Placement::at(tip_px), median).ok();
+        tracker.last = Estimate { conditioning: None, ..tracker.estimate(Reason::Ok, tip_px, view, 0) };
         Ok(tracker)
     }
 
@@ -157,7 +129,7 @@ impl Tracker {
         let templates = [anchor, previous];
         let (picture_px, tip_px) = (checkpoint.picture_px, checkpoint.tip_px);
         let mut tracker = Self::assemble(settings, templates, picture_px, tip_px, TrackState::Lost);
-        tracker.belief.lost_images = checkpoint.lost_images;
+        tracker.belief.state = Hysteresis::lost_for(checkpoint.lost_images);
         tracker.belief.restarted = true;
         if let Some(refinement) = &mut tracker.refinement {
             refinement.anchor = sharp;
@@ -182,7 +154,9 @@ impl Tracker {
             region: Region::default(),
             refinement: settings.refine.then(|| Refinement::new(instructions, &settings)),
             taps: blur_taps(settings.blur_sigma_px),
-            belief: Belief::at(state, tip_px),
+            belief: Belief::at(Hysteresis::new(state), tip_px),
+            guesser: Guesser::new(&settings, tip_px),
+            pyramid: Pyramid::new(&settings, anchor.window.side / 2 + 3 + jump(&settings)),
             last: Estimate::bare(state, Reason::Restarted, Some(tip_px)),
             settings,
             anchor,
@@ -215,7 +189,7 @@ impl Tracker {
             self.declare_lost(Reason::OutOfImage, motion_px, None, 0)
         } else {
             let median = lit_median(self.registrar.instructions, image);
-            match self.belief.state {
+            match self.belief.state.state() {
                 TrackState::Tracking => self.follow(image, median, motion_px),
                 _ => self.seek(image, median, motion_px, context),
             }
@@ -227,13 +201,15 @@ impl Tracker {
 
     /// TRACKING: register, correct the drift, test.
     fn follow(&mut self, image: &Image, median: Option<f64>, motion_px: Option<[f64; 2]>) -> Estimate {
-        let guess_px = add(self.belief.tip_px, motion_px.unwrap_or(self.belief.velocity_px));
+        let expected_px = self.guesser.place_px(self.belief.tip_px, motion_px);
+        let guess_px = self.pyramid.approach(image, median, expected_px);
         let reach = self.tracking_reach();
         self.region.fill_about(self.registrar.instructions, image, &self.taps, guess_px, reach);
 
-        let guess = Placement { centre_px: guess_px, linear: self.belief.linear };
+        let guess = Placement { centre_px: guess_px, linear: self.previous_linear() };
         let changes = [&self.anchor, &self.previous].map(|template| self.change(template, median));
         let first = if self.settings.update == UpdateStrategy::None {
+            let guess = Placement { linear: self.belief.linear, ..guess };
             self.registrar.run(&self.region, &self.anchor, changes[0], guess)
         } else {
             self.registrar.run(&self.region, &self.previous, changes[1], guess)
@@ -242,8 +218,22 @@ impl Tracker {
             Ok(found) => found,
             Err(failure) => return self.declare_lost(failure.reason, motion_px, None, failure.iterations),
         };
+        // The warp of T_1: that of the registration, or the refinement's last.
+        if self.refinement.is_some() {
+            found.place.linear = self.belief.linear;
+        }
+        let refined = self.refinement.as_mut().and_then(|refinement| {
+            let (refined, iterations) = refinement.refine(image, median, &found.place);
+            found.iterations += iterations;
+            refined
+        });
+        let corrects = self.settings.update == UpdateStrategy::DriftCorrected;
         let mut update = self.settings.update == UpdateStrategy::Naive;
-        if self.settings.update == UpdateStrategy::DriftCorrected {
+        if let Some(place) = refined {
+            // It is a registration of T_1, and near.
+            update |= corrects;
+            found.place = place;
+        } else if corrects {
             // Matthews, Ishikawa and Baker (2004): the new patch becomes a template only if the first template,
             // started from the same place, agrees about where it is.
             match self.registrar.run(&self.region, &self.anchor, changes[0], found.place) {
@@ -262,58 +252,31 @@ impl Tracker {
             }
         }
 
-        let iterations = found.iterations;
-        let view = match self.registrar.sample(&self.region, &found.place) {
-            Ok(inside) => self.view(inside, median),
+        let (at, iterations) = (found.place.centre_px, found.iterations);
+        let view = match self.view_at(&found.place, median) {
+            Ok(view) => view,
             Err(reason) => return self.declare_lost(reason, motion_px, None, iterations),
         };
-        if let Some(reason) = self.loss(&view) {
+        if let Some(reason) = self.belief.state.loss(&self.settings, &view) {
             let estimate = self.declare_lost(reason, motion_px, Some(view), iterations);
             return Estimate { conditioning: Some(found.conditioning), ..estimate };
         }
-        let mut place = found.place;
-        let mut iterations = iterations;
-        if let Some(refinement) = &mut self.refinement {
-            let (refined, more) = refinement.refine(image, median, &place);
-            iterations += more;
-            if refined != place {
-                // Should the refined patch leave the region, the one found stays.
-                if self.registrar.sample(&self.region, &refined).is_ok() {
-                    place = refined;
-                } else if self.registrar.sample(&self.region, &place).is_err() {
-                    update = false;
-                }
-            }
-        }
-        let at = place.centre_px;
-        let kept = self.settings.velocity_memory;
-        let moved = add(at, self.belief.tip_px.map(|c| -c));
-        self.belief.velocity_px =
-            add(self.belief.velocity_px.map(|v| kept * v), moved.map(|d| (1.0 - kept) * d));
+        self.guesser.moved(self.belief.tip_px, at);
         self.belief.tip_px = at;
-        self.belief.linear = place.linear;
-        self.belief.hold_previous = self.belief.hold_previous.saturating_sub(1);
+        self.belief.linear = found.place.linear;
+        self.belief.state.tracked();
         if update {
             self.previous.refresh(&self.registrar.patch, median);
         }
+        self.pyramid.remember(image, median, at);
         let estimate = self.estimate(Reason::Ok, at, Some(view), iterations);
         Estimate { conditioning: Some(found.conditioning), ..estimate }
     }
 
-    /// The first test that fails. A correlation that cannot be computed (a flat patch) counts as failed.
-    fn loss(&self, view: &View) -> Option<Reason> {
-        let below = |ncc: Option<f64>, threshold: f64| ncc.is_none_or(|ncc| ncc < threshold);
-        let dim =
-            self.settings.loss_brightness_ratio.is_some_and(|limit| view.is_faded(limit, LOSS_PRESENCE));
-        if self.belief.hold_previous == 0 && below(view.ncc_previous, self.settings.loss_ncc_previous) {
-            Some(Reason::NccPrevious)
-        } else if below(view.ncc_anchor, self.settings.loss_ncc_anchor) {
-            Some(Reason::NccAnchor)
-        } else if dim {
-            Some(Reason::Brightness)
-        } else {
-            None
-        }
+    /// Linear part of T_n's warp: between two images nothing turns far, and where a refinement knows how T_1 has turned, T_n
+    /// is taken upright.
+    fn previous_linear(&self) -> [[f64; 2]; 2] {
+        if self.refinement.is_some() { UPRIGHT } else { self.belief.linear }
     }
 
     /// Freezes templates and tip; the tip only follows what was measured to have moved.
@@ -325,11 +288,9 @@ impl Tracker {
         iterations: u32,
     ) -> Estimate {
         self.belief.tip_px = add(self.belief.tip_px, motion_px.unwrap_or_default());
-        self.belief.state = TrackState::Lost;
-        self.belief.velocity_px = [0.0; 2];
-        self.belief.lost_images = self.belief.lost_images.saturating_add(1);
+        self.belief.state.lost();
         self.belief.candidate_px = None;
-        self.belief.confirmed = 0;
+        self.belief.linear = UPRIGHT;
         if let Some(refinement) = &mut self.refinement {
             refinement.pause();
         }
@@ -339,8 +300,8 @@ impl Tracker {
 
     /// Believes a confirmed candidate; the registrar's patch is the one about it.
     pub(crate) fn resume(&mut self, tip_px: [f64; 2], median: Option<f64>) {
-        self.belief =
-            Belief { hold_previous: HOLD_PREVIOUS_TEST, ..Belief::at(TrackState::Tracking, tip_px) };
+        self.belief = Belief::at(Hysteresis::recovered(), tip_px);
+        self.guesser.rest(tip_px);
         if self.settings.update != UpdateStrategy::None {
             self.previous.refresh(&self.registrar.patch, median);
         }
@@ -359,28 +320,34 @@ impl Tracker {
             brightness_ratio: view.and_then(|view| view.brightness_ratio),
             tip_level: view.map(|view| view.level.clamp(0.0, 255.0)),
             iterations,
-            ..Estimate::bare(self.belief.state, reason, Some(tip_px))
+            ..Estimate::bare(self.belief.state.state(), reason, Some(tip_px))
         }
     }
 
-    /// Compares the registrar's patch with both templates.
-    pub(crate) fn view(&mut self, inside: Inside, median: Option<f64>) -> View {
-        let registrar = &mut self.registrar;
-        let (window, part) = (registrar.window, registrar.weights.part);
-        let (weights, patch) = (registrar.weights.within(inside), &registrar.patch);
-        let moments = |template: &Template| {
-            Moments::of(registrar.instructions, window, part, weights, patch, &template.padded)
-        };
-        let anchor = moments(&self.anchor);
+    /// Compares the image at a placement with T_1, and at the same place with T_n, whose patch the registrar then holds.
+    pub(crate) fn view_at(&mut self, place: &Placement, median: Option<f64>) -> Result<View, Reason> {
+        self.registrar.sample(&self.region, place)?;
+        let anchor = self.moments(&self.anchor.padded);
+        let linear = self.previous_linear();
+        if linear != place.linear {
+            self.registrar.sample(&self.region, &Placement { linear, ..*place })?;
+        }
+        let previous = self.moments(&self.previous.padded);
         let change = f64::from(self.anchor.change_to(median));
         let ground = |m: &Moments| self.anchor.median.unwrap_or(m.mean_b);
-        View {
-            ncc_previous: moments(&self.previous).and_then(|m| m.ncc()),
+        Ok(View {
+            ncc_previous: previous.and_then(|m| m.ncc()),
             ncc_anchor: anchor.and_then(|m| m.ncc()),
             brightness_ratio: anchor.and_then(|m| m.brightness_ratio(change, ground(&m))),
             presence: anchor.and_then(|m| m.presence()),
             level: anchor.map_or(0.0, |m| m.mean_a),
-        }
+        })
+    }
+
+    /// The registrar's patch beside a template.
+    pub(crate) fn moments(&self, template: &[f32]) -> Option<Moments> {
+        let Registrar { instructions, window, weights, patch, .. } = &self.registrar;
+        Moments::of(*instructions, *window, weights.part, weights.values(), patch, template)
     }
 
     /// Δ for the optimiser. The paper's SSD knows no such offset.
@@ -391,9 +358,9 @@ impl Tracker {
         }
     }
 
-    /// Half-side of the region a registration may wander in: the window, its border, and a good jump.
+    /// Half-side of the region a registration may wander in.
     fn tracking_reach(&self) -> usize {
-        self.registrar.weights.part.reach() + (self.anchor.window.side / 2).max(16)
+        self.registrar.weights.part.reach() + jump(&self.settings)
     }
 
     /// What a restarted tracker needs to go on.
@@ -405,13 +372,13 @@ impl Tracker {
             previous: SavedTemplate::from(&self.previous),
             sharp: self.refinement.as_ref().map(|refinement| SavedTemplate::from(&refinement.anchor)),
             tip_px: self.belief.tip_px,
-            lost_images: self.belief.lost_images,
+            lost_images: self.belief.state.lost_images(),
         }
     }
 
     /// State after the last image.
     pub fn state(&self) -> TrackState {
-        self.belief.state
+        self.belief.state.state()
     }
 
     /// Tip (u, v) in pixels: the estimate, or the last believed one while LOST or RECOVERING.
@@ -435,15 +402,9 @@ impl Tracker {
     }
 }
 
-impl View {
-    /// Whether the brightness test fails: too little of T_1's contrast is left, or the patch differs
-    /// too much from T_1 and does not plainly stand out either. (A tip that passes through a brighter or darker
-    /// inclusion differs from T_1 all around and is there none the less.)
-    pub fn is_faded(&self, ratio_limit: f64, least_presence: f64) -> bool {
-        let presence = self.presence.unwrap_or(0.0);
-        let differs = self.brightness_ratio.is_none_or(|ratio| ratio > ratio_limit);
-        presence < least_presence || (differs && presence < PLAIN_PRESENCE)
-    }
+/// How far a registration may wander from the guess, in pixels.
+fn jump(settings: &TrackerSettings) -> usize {
+    (settings.template_px as usize / 2).max(16)
 }
 
 /// Whether the pixels match the size, and there are any.

@@ -16,16 +16,17 @@ pub(crate) struct Placement {
     pub linear: [[f64; 2]; 2],
 }
 
-const IDENTITY: [[f64; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];
+/// A template that has neither turned nor been stretched.
+pub(crate) const UPRIGHT: [[f64; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];
 
 impl Placement {
     /// A template that has only been moved.
     pub fn at(centre_px: [f64; 2]) -> Self {
-        Self { centre_px, linear: IDENTITY }
+        Self { centre_px, linear: UPRIGHT }
     }
 
     pub fn is_translation(&self) -> bool {
-        self.linear == IDENTITY
+        self.linear == UPRIGHT
     }
 
     /// The picture's coordinates of a template's.

@@ -39,20 +39,21 @@ impl Registrar {
         let mut accepted: Option<Accepted> = None;
         let mut adapted_at: Option<Placement> = None;
         let mut approaching = self.approaches();
+        let mut before_px = None;
         for iteration in 1..=self.max_iterations {
             let fail = |reason| Failure { reason, iterations: iteration };
-            let inside = self.sample(region, &place).map_err(fail)?;
+            self.sample(region, &place).map_err(fail)?;
             if self.is_conditional() && !approaching {
                 let stale = adapted_at.is_none_or(|then| {
                     self.adapts_again() && place.corner_distance(&then, half_px) > NEAR_PX
                 });
                 if stale {
-                    self.adapt(template, inside);
+                    self.adapt(template);
                     adapted_at = Some(place);
                     accepted = None;
                 }
             }
-            let comparison = self.comparison(template, change, adapted_at.is_some(), inside);
+            let comparison = self.comparison(template, change, adapted_at.is_some());
             let sums = affine_sums(comparison.0, &comparison.1);
             let mean_square = sums.squares / sums.weight;
             match accepted {
@@ -83,9 +84,10 @@ impl Registrar {
             if approaching {
                 approaching = moved_px >= NEAR_PX && iteration < Self::MAX_APPROACH;
                 accepted = if approaching { accepted } else { None };
-            } else if moved_px < self.epsilon_px {
+            } else if self.has_converged(moved_px, before_px) {
                 return Ok(Accepted { place, ..from }.registration(iteration));
             }
+            before_px = Some(moved_px);
         }
         let conditioning = accepted.map_or(0.0, |accepted| accepted.conditioning());
         Ok(Registration { place, iterations: self.max_iterations, conditioning })

@@ -28,7 +28,9 @@ pub use image::Image;
 pub use indentation::Indentation;
 pub use needle::{NeedlePath, NeedleSpec};
 pub use probe::{Effects, ElevationSample, Precision, ProbeSpec};
-pub use settings::{Optimisation, Profile, ServoSettings, Similarity, TrackerSettings, UpdateStrategy, Warp};
+pub use settings::{
+    Guess, Optimisation, Profile, ServoSettings, Similarity, TrackerSettings, UpdateStrategy, Warp,
+};
 pub use setup::{Limits, Setup};
 pub use slice::Slice;
 pub use tissue::{Acoustics, ColumnSegment, Tissue};

@@ -54,6 +54,20 @@ pub enum UpdateStrategy {
     DriftCorrected,
 }
 
+/// Where the optimiser starts in the next image. It moves that start alone, never what is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Guess {
+    /// Where the tip was.
+    None,
+    /// On by its smoothed velocity, v ← m·v + (1 − m)·d after a motion d, with m = `velocity_memory`.
+    ConstantVelocity,
+    /// Where a constant-velocity Kalman filter of the tracked tips predicts it.
+    Kalman,
+    /// On by the motion that the needle robot and the arm have measured; by the smoothed velocity where there is none.
+    Insertion,
+}
+
 /// Every setting of the tracker.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TrackerSettings {
@@ -77,8 +91,12 @@ pub struct TrackerSettings {
     pub weight_sigma_px: f64,
     /// Register once more, unblurred and unweighted, where the surroundings move with the tip.
     pub refine: bool,
-    /// Share of the last velocity kept in the constant-velocity guess (v ← m·v + (1−m)·d); 1 = no guess.
+    /// Where the optimiser starts.
+    pub guess: Guess,
+    /// m, the share of the last velocity that a smoothed velocity keeps.
     pub velocity_memory: f64,
+    /// Resolutions at which the motion is registered, 1–3: 1 is the full one alone, 2 begins at half of it, 3 at a quarter.
+    pub pyramid_levels: u32,
     /// Largest corner distance between the two registrations that accepts the update, ε_d.
     pub drift_tolerance_px: f64,
     /// Most iterations per registration.
@@ -113,7 +131,9 @@ impl TrackerSettings {
             blur_sigma_px: 1.5,
             weight_sigma_px: 3.0,
             refine: true,
+            guess: Guess::Insertion,
             velocity_memory: 0.7,
+            pyramid_levels: 1,
             drift_tolerance_px: 3.0,
             max_iterations: 50,
             epsilon_px: 0.01,
@@ -130,7 +150,7 @@ impl TrackerSettings {
                 blur_sigma_px: 0.0,
                 weight_sigma_px: 0.0,
                 refine: false,
-                velocity_memory: 1.0,
+                guess: Guess::None,
                 loss_ncc_anchor: -1.0,
                 loss_brightness_ratio: None,
                 recovery_ncc: 0.75,

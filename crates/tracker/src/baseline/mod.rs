@@ -39,7 +39,6 @@
 
 mod gabor;
 mod half;
-mod kalman;
 mod line;
 mod localize;
 mod packing;

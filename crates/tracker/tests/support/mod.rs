@@ -137,7 +137,7 @@ impl NeedleScene {
     }
 }
 
-/// Needle and speckle that move together by up to 3 px per axis and image.
+/// Needle and speckle that move together, at random on either axis.
 pub struct RigidScene {
     base: Vec<f32>,
     fresh_db: Vec<f32>,
@@ -145,6 +145,8 @@ pub struct RigidScene {
     shift: [f64; 2],
     /// Added to every image before the log compression.
     pub gain_db: f32,
+    /// Largest motion per axis and image.
+    pub step_px: f64,
 }
 
 impl RigidScene {
@@ -160,7 +162,7 @@ impl RigidScene {
             }
         }
         let fresh_db = fresh_db(&mut rng);
-        Self { base, fresh_db, rng, shift: [0.0; 2], gain_db: 0.0 }
+        Self { base, fresh_db, rng, shift: [0.0; 2], gain_db: 0.0, step_px: 3.0 }
     }
 
     /// The next image and its true tip; `still` keeps the scene where it is.
@@ -170,7 +172,7 @@ impl RigidScene {
             if still {
                 break;
             }
-            let step = [self.rng.random_range(-3.0..3.0), self.rng.random_range(-3.0..3.0)];
+            let step = [0; 2].map(|_| self.rng.random_range(-self.step_px..self.step_px));
             shift = [self.shift[0] + step[0], self.shift[1] + step[1]];
             if shift.iter().all(|s: &f64| s.abs() < 40.0) {
                 break;

@@ -1,20 +1,25 @@
 //! Constant-velocity Kalman filter of the tip, one filter per axis.
 //!
-//! State x = (position in px, velocity in px per image), F = (1 1; 0 1), measured is the position. Between images the
-//! velocity changes by a random acceleration of standard deviation σ_a, which adds Q = σ_a² (¼ ½; ½ 1)
+//! State x = (position in px, velocity in px per image), F = (1 1; 0 1), measured is the position, with variance R = σ_z².
+//! Between images the velocity changes by a random acceleration of standard deviation σ_a, which adds Q = σ_a² (¼ ½; ½ 1)
 //! (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 6.3.2). The axes are
 //! independent with the same noise, so both share one covariance.
 
-/// σ_a, px per image²: a needle that starts or stops (some 2 px per image) does so within a few images.
-const ACCELERATION_PX: f64 = 0.5;
-/// Standard deviation of the localised tip per axis; on synthetic needles it is some 2.5 px off, mostly along the needle.
-const MEASUREMENT_PX: f64 = 2.0;
-/// Standard deviation of the velocity at the first fix: nothing but that needles are slow is known.
-const FIRST_VELOCITY_PX: f64 = 3.0;
+/// Standard deviations that the filter weighs its measurements by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Noise {
+    /// σ_a, px per image².
+    pub acceleration_px: f64,
+    /// σ_z of a measured position per axis.
+    pub measurement_px: f64,
+    /// Of the velocity at the first fix.
+    pub first_velocity_px: f64,
+}
 
 /// Estimate of a tip that moves steadily.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Kalman {
+    noise: Noise,
     /// Tip (u, v) in pixels.
     pub tip_px: [f64; 2],
     /// Its motion per image.
@@ -25,14 +30,15 @@ pub(crate) struct Kalman {
 
 impl Kalman {
     /// Begins at a first fix, at rest.
-    pub fn new(tip_px: [f64; 2]) -> Self {
-        let covariance = [MEASUREMENT_PX * MEASUREMENT_PX, 0.0, FIRST_VELOCITY_PX * FIRST_VELOCITY_PX];
-        Self { tip_px, velocity_px: [0.0; 2], covariance }
+    pub fn new(tip_px: [f64; 2], noise: Noise) -> Self {
+        let square = |sigma: f64| sigma * sigma;
+        let covariance = [square(noise.measurement_px), 0.0, square(noise.first_velocity_px)];
+        Self { noise, tip_px, velocity_px: [0.0; 2], covariance }
     }
 
     /// One image further on: x ← F x, P ← F P Fᵀ + Q.
     pub fn predict(&mut self) {
-        let q = ACCELERATION_PX * ACCELERATION_PX;
+        let q = self.noise.acceleration_px * self.noise.acceleration_px;
         let [p, c, v] = self.covariance;
         self.tip_px = [0, 1].map(|axis| self.tip_px[axis] + self.velocity_px[axis]);
         self.covariance = [p + 2.0 * c + v + 0.25 * q, c + v + 0.5 * q, v + q];
@@ -53,7 +59,7 @@ impl Kalman {
     /// K for the position and for the velocity.
     fn gain(&self) -> [f64; 2] {
         let [p, c, _] = self.covariance;
-        let innovation = p + MEASUREMENT_PX * MEASUREMENT_PX;
+        let innovation = p + self.noise.measurement_px * self.noise.measurement_px;
         [p / innovation, c / innovation]
     }
 }
@@ -62,9 +68,11 @@ impl Kalman {
 mod tests {
     use super::*;
 
+    const NOISE: Noise = Noise { acceleration_px: 0.5, measurement_px: 2.0, first_velocity_px: 3.0 };
+
     #[test]
     fn truth_the_first_step_computed_by_hand() {
-        let mut filter = Kalman::new([10.0, 20.0]);
+        let mut filter = Kalman::new([10.0, 20.0], NOISE);
         filter.predict();
         // P = (4 + 9 + ¼·¼, 9 + ½·¼, 9 + ¼) and R = 4.
         assert_eq!(filter.covariance, [13.0625, 9.125, 9.25]);
@@ -79,7 +87,7 @@ mod tests {
 
     #[test]
     fn truth_a_steady_tip_is_followed_without_lag_and_the_gain_settles() {
-        let mut filter = Kalman::new([0.0, 100.0]);
+        let mut filter = Kalman::new([0.0, 100.0], NOISE);
         for k in 1..=200 {
             filter.predict();
             filter.correct([2.2 * f64::from(k), 100.0 - 0.7 * f64::from(k)]);
@@ -89,7 +97,7 @@ mod tests {
         // Steady state (the α–β filter, Bar-Shalom 6.5.3): with Λ = σ_a/σ_z = ¼,
         // α = −⅛ (Λ² + 8Λ − (Λ + 4)√(Λ² + 8Λ)) and β = ¼ (Λ² + 4Λ − Λ√(Λ² + 8Λ)).
         filter.predict();
-        let index: f64 = ACCELERATION_PX / MEASUREMENT_PX;
+        let index: f64 = NOISE.acceleration_px / NOISE.measurement_px;
         let root = (index * index + 8.0 * index).sqrt();
         let alpha = -0.125 * (index * index + 8.0 * index - (index + 4.0) * root);
         let beta = 0.25 * (index * index + 4.0 * index - index * root);
