@@ -39,6 +39,8 @@ pub(super) fn tracker(raw: &RawTracker) -> TrackerSettings {
             RawUpdate::DriftCorrected => UpdateStrategy::DriftCorrected,
         }),
         refine: base.refine,
+        guess: base.guess,
+        pyramid_levels: base.pyramid_levels,
         scv_bins: raw.scv_bins.unwrap_or(base.scv_bins),
         blur_sigma_px: raw.blur_sigma_px.unwrap_or(base.blur_sigma_px),
         weight_sigma_px: raw.weight_sigma_px.unwrap_or(base.weight_sigma_px),
