@@ -10,7 +10,7 @@
 //! on real wires, above 0.5 for a needle over still speckle of 0.1 of its rms and above 2 from 0.5 on.
 
 use sonoloop_simd::{Instructions, wide};
-use sonoloop_types::{Image, TrackerSettings};
+use sonoloop_types::TrackerSettings;
 
 use crate::gaussian::Weights;
 use crate::region::Region;
@@ -28,14 +28,13 @@ const MEMORY: f64 = 0.1;
 const MOVES_ALONG: f64 = 0.4;
 /// A refinement that goes farther than this found something else.
 const MAX_MOVE_PX: f64 = 2.0;
-/// Half-side of the sharp region beyond the window: room for the warp and for the last place.
+/// Half-side of the unblurred region beyond the window: room for the warp and for the last place.
 const ROOM_PX: usize = 12;
 
 /// The unblurred templates, and what is known about the surroundings.
 #[derive(Debug, Clone)]
 pub(crate) struct Refinement {
     registrar: Registrar,
-    region: Region,
     /// One less the weight of the tip.
     ring: Vec<f32>,
     /// T_1, unblurred.
@@ -54,7 +53,6 @@ impl Refinement {
         let ring = Weights::new(side, TIP_SIGMA_PX).values().iter().map(|weight| 1.0 - weight).collect();
         let mut refinement = Self {
             registrar: Registrar::new(instructions, settings, settings.warp, 0.0),
-            region: Region::default(),
             ring,
             anchor: Template::blank(side),
             previous: Template::blank(side),
@@ -65,19 +63,20 @@ impl Refinement {
         // What lies between the rows of the ring does not count.
         let window = refinement.registrar.window;
         refinement.ring.chunks_exact_mut(window.stride()).for_each(|row| row[side..].fill(0.0));
-        refinement.see(&Image::black(1, 1), [0.0; 2]);
         refinement
     }
 
-    /// Takes the unblurred T_1.
-    pub fn begin(&mut self, image: &Image, tip_px: [f64; 2], median: Option<f64>) {
-        self.see(image, tip_px);
-        let place = Placement::at(tip_px);
-        if self.registrar.sample(&self.region, &place).is_ok() {
+    /// Takes the unblurred T_1 from a region about the tip.
+    pub fn begin(&mut self, sharp: &Region, tip_px: [f64; 2], median: Option<f64>) {
+        if self.registrar.sample(sharp, &Placement::at(tip_px)).is_ok() {
             self.anchor.refresh(&self.registrar.patch, median);
-            self.last = Some(place);
             self.keep(median);
         }
+    }
+
+    /// Half-side of the unblurred region that a refinement needs: half a diagonal, so that a template may turn, and some room.
+    pub fn reach(settings: &TrackerSettings) -> usize {
+        (settings.template_px as usize * 3).div_ceil(4) + ROOM_PX
     }
 
     /// The tip was not tracked in this image.
@@ -85,47 +84,37 @@ impl Refinement {
         self.last = None;
     }
 
-    /// Where T_1 is, seen sharply, from `found` on, and the optimiser's iterations; `None` where the surroundings do not move
-    /// along, or nothing was found near.
+    /// Where T_1 is in an unblurred region, from `found` on, and the optimiser's iterations; `None` where the surroundings do
+    /// not move along, or nothing was found near.
     pub fn refine(
         &mut self,
-        image: &Image,
+        sharp: &Region,
         median: Option<f64>,
         found: &Placement,
     ) -> (Option<Placement>, u32) {
-        self.see(image, found.centre_px);
         let change = self.anchor.change_to(median);
-        let still = self.last.and_then(|last| {
-            self.registrar.sample(&self.region, &last).ok()?;
+        let still = self.last.take().and_then(|last| {
+            self.registrar.sample(sharp, &last).ok()?;
             Some(self.difference(median))
         });
-        let (place, iterations) = match self.registrar.run(&self.region, &self.anchor, change, *found) {
-            Ok(end) => (Some(end.place), end.iterations),
-            Err(failure) => (None, failure.iterations),
+        let (place, iterations) = match self.registrar.run(sharp, &self.anchor, change, *found) {
+            Ok(end) => (end.place, end.iterations),
+            Err(failure) => return (None, failure.iterations),
         };
-        let near = place.filter(|place| distance(place.centre_px, found.centre_px) < MAX_MOVE_PX);
-        let near = near.filter(|place| self.registrar.sample(&self.region, place).is_ok());
-        if let (Some(still), Some(_)) = (still, near) {
+        if distance(place.centre_px, found.centre_px) > MAX_MOVE_PX {
+            return (None, iterations);
+        }
+        // The patch is that of the optimiser's last look, a fraction of its last step away.
+        if let Some(still) = still {
             let moved = self.difference(median);
             self.still += MEMORY * (still - self.still);
             self.moved += MEMORY * (moved - self.moved);
         }
-        let refined = near.filter(|_| self.moved < MOVES_ALONG * self.still);
-        if refined.is_none() {
-            self.last = Some(*found).filter(|found| self.registrar.sample(&self.region, found).is_ok());
-        } else {
-            self.last = refined;
+        let moves_along = self.moved < MOVES_ALONG * self.still;
+        if moves_along || self.registrar.sample(sharp, found).is_ok() {
+            self.keep(median);
         }
-        self.keep(median);
-        (refined, iterations)
-    }
-
-    /// Reads the surroundings of a point.
-    fn see(&mut self, image: &Image, centre_px: [f64; 2]) {
-        let side = self.registrar.window.side;
-        // Half a diagonal, so that a template may turn.
-        let reach = (side * 3).div_ceil(4) + ROOM_PX;
-        self.region.fill_about(self.registrar.instructions, image, &[1.0], centre_px, reach);
+        (Some(place).filter(|_| moves_along), iterations)
     }
 
     /// Mean squared difference of the patch's ring to the last image's.
@@ -135,12 +124,11 @@ impl Refinement {
         ring_difference(*instructions, *window, &self.ring, patch, &self.previous.padded, change)
     }
 
-    /// The patch, which is that of the last place, is the one to compare with next.
+    /// The patch is the one to compare with next.
     fn keep(&mut self, median: Option<f64>) {
-        if self.last.is_some() {
-            self.previous.padded.copy_from_slice(&self.registrar.patch);
-            self.previous.median = median;
-        }
+        self.previous.padded.copy_from_slice(&self.registrar.patch);
+        self.previous.median = median;
+        self.last = Some(self.registrar.sampled);
     }
 }
 

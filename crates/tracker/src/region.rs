@@ -58,15 +58,8 @@ impl Region {
         size: [usize; 2],
     ) {
         let radius = taps.len() / 2;
-        let size = [size[0].next_multiple_of(LANES), size[1]];
-        let [width, height] = size;
-        self.origin = origin;
-        self.size = size;
-        self.picture = [image.width_px as usize / scale, image.height_px as usize / scale];
-        // `resize` keeps old values; those of the rectangle are overwritten below.
-        self.grey.resize(width * height + SLACK, 0.0);
-        self.rows.resize(width * (height + 2 * radius), 0.0);
-        self.line.resize(width + 2 * radius, 0.0);
+        self.begin(origin, size, [image.width_px as usize / scale, image.height_px as usize / scale]);
+        let [width, height] = self.size;
         let first = [origin[0] - radius as i64, origin[1] - radius as i64];
         if radius == 0 {
             for (k, line) in self.grey[..width * height].chunks_exact_mut(width).enumerate() {
@@ -74,11 +67,46 @@ impl Region {
             }
             return;
         }
+        self.rows.resize(width * (height + 2 * radius), 0.0);
+        self.line.resize(width + 2 * radius, 0.0);
         for (k, out) in self.rows.chunks_exact_mut(width).enumerate() {
             let v = first[1] + k as i64;
             read_line(instructions, image, scale, self.picture, first[0], v, &mut self.line);
             convolve(instructions, taps, &self.line, 1, out);
         }
+        self.convolve_rows(instructions, taps);
+    }
+
+    /// Fills the region with the blurred square of half-side `reach` about the middle of a larger, unblurred one; as
+    /// [`fill_about`](Self::fill_about) would.
+    pub fn blur(&mut self, instructions: Instructions, sharp: &Self, taps: &[f32], centre_px: [f64; 2], reach: usize) {
+        let radius = taps.len() / 2;
+        self.begin(square(centre_px, reach), [2 * reach + 1; 2], sharp.picture);
+        let [width, height] = self.size;
+        self.rows.resize(width * (height + 2 * radius), 0.0);
+        let [left, above] = [0, 1].map(|axis| (self.origin[axis] - sharp.origin[axis]) as usize - radius);
+        for (k, out) in self.rows.chunks_exact_mut(width).enumerate() {
+            let row = &sharp.grey[(above + k) * sharp.size[0] + left..];
+            convolve(instructions, taps, row, 1, out);
+        }
+        self.convolve_rows(instructions, taps);
+    }
+
+    /// Half-side that an unblurred region needs to be blurred into one of half-side `reach`.
+    pub const fn sharp_reach(reach: usize, taps: &[f32]) -> usize {
+        reach + taps.len() / 2 + LANES
+    }
+
+    fn begin(&mut self, origin: [i64; 2], size: [usize; 2], picture: [usize; 2]) {
+        self.origin = origin;
+        self.size = [size[0].next_multiple_of(LANES), size[1]];
+        self.picture = picture;
+        // `resize` keeps old values; those of the rectangle are overwritten by whoever calls this.
+        self.grey.resize(self.size[0] * self.size[1] + SLACK, 0.0);
+    }
+
+    fn convolve_rows(&mut self, instructions: Instructions, taps: &[f32]) {
+        let [width, height] = self.size;
         for (y, out) in self.grey[..width * height].chunks_exact_mut(width).enumerate() {
             convolve(instructions, taps, &self.rows[y * width..], width, out);
         }
@@ -93,8 +121,7 @@ impl Region {
         centre_px: [f64; 2],
         reach: usize,
     ) {
-        let origin = centre_px.map(|c| whole(c) - reach as i64);
-        self.fill(instructions, image, taps, 1, origin, [2 * reach + 1; 2]);
+        self.fill(instructions, image, taps, 1, square(centre_px, reach), [2 * reach + 1; 2]);
     }
 
     /// Bilinear patch through a warp: the pixel (x, y) of the centred template is read at c + A·(x, y).
@@ -175,6 +202,11 @@ impl Region {
         };
         Inside { x: range(0), y: range(1) }
     }
+}
+
+/// First column and row of the square of half-side `reach` about a point.
+fn square(centre_px: [f64; 2], reach: usize) -> [i64; 2] {
+    centre_px.map(|c| whole(c) - reach as i64)
 }
 
 /// Nearest whole number, held within what an image can be.
@@ -454,6 +486,19 @@ mod tests {
     }
 
     #[test]
+    fn blurring_a_sharp_region_is_blurring_the_picture() {
+        let taps = blur_taps(1.5);
+        for centre_px in [[20.3, 14.6], [1.0, 2.0], [38.0, 29.0]] {
+            let sharp = about(&ramp(), &[1.0], centre_px, Region::sharp_reach(9, &taps));
+            let mut blurred = Region::default();
+            blurred.blur(Instructions::widest(), &sharp, &taps, centre_px, 9);
+            let expected = about(&ramp(), &taps, centre_px, 9);
+            assert_eq!((blurred.origin, blurred.size), (expected.origin, expected.size));
+            assert_eq!(blurred.grey, expected.grey);
+        }
+    }
+
+    #[test]
     fn a_part_is_what_the_whole_has_there() {
         let region = about(&ramp(), &[1.0], [20.0, 15.0], 14);
         let window = Window { side: 20 };
@@ -504,8 +549,10 @@ mod tests {
             for first_u in [-3, -60, 50] {
                 let size = [width as usize + 6, height as usize + 6];
                 region.fill(Instructions::widest(), &ramp(), &[1.0], scale, [first_u, -3], size);
-                for (k, grey) in region.grey[..size[0] * size[1]].iter().enumerate() {
-                    let (u, v) = (first_u + (k % size[0]) as i64, (k / size[0]) as i64 - 3);
+                let [columns, rows] = region.size;
+                assert!(columns >= size[0] && rows == size[1]);
+                for (k, grey) in region.grey[..columns * rows].iter().enumerate() {
+                    let (u, v) = (first_u + (k % columns) as i64, (k / columns) as i64 - 3);
                     assert_eq!(*grey, mean(u, v), "scale {scale}, ({u}, {v})");
                 }
             }

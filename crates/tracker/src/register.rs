@@ -60,6 +60,8 @@ pub(crate) struct Registrar {
     pub weights: Weights,
     /// The last patch sampled, padded.
     pub patch: Vec<f32>,
+    /// Where that was.
+    pub sampled: Placement,
     adapted: Vec<f32>,
     adapted_u: Vec<f32>,
     adapted_v: Vec<f32>,
@@ -89,6 +91,7 @@ impl Registrar {
             window,
             weights: Weights::new(window.side, weight_sigma_px),
             patch: vec![0.0; window.padded_len()],
+            sampled: Placement::at([0.0; 2]),
             adapted: vec![0.0; window.padded_len()],
             adapted_u: vec![0.0; window.len()],
             adapted_v: vec![0.0; window.len()],
@@ -102,6 +105,7 @@ impl Registrar {
         let inside = region.sample(self.instructions, place, window, part, &mut self.patch);
         let inside = inside.ok_or(Reason::Diverged)?;
         self.weights.cut(inside);
+        self.sampled = *place;
         if 2 * inside.count() < window.side * window.side { Err(Reason::OutOfImage) } else { Ok(()) }
     }
 

@@ -50,6 +50,8 @@ pub struct Tracker {
     pub(crate) registrar: Registrar,
     pub(crate) search: Search,
     pub(crate) region: Region,
+    /// The same surroundings unblurred, where the settings refine.
+    sharp: Region,
     refinement: Option<Refinement>,
     pub(crate) taps: Vec<f32>,
     picture_px: [u32; 2],
@@ -101,7 +103,7 @@ impl Tracker {
             return Err(TrackerError::TipOutside { tip_px });
         }
         let reach = tracker.tracking_reach();
-        tracker.region.fill_about(tracker.registrar.instructions, image, &tracker.taps, tip_px, reach);
+        tracker.look(image, tip_px, reach);
         if tracker.registrar.sample(&tracker.region, &Placement::at(tip_px)).is_err() {
             return Err(TrackerError::TipOutside { tip_px });
         }
@@ -112,7 +114,7 @@ impl Tracker {
             return Err(TrackerError::NoTexture { tip_px });
         }
         if let Some(refinement) = &mut tracker.refinement {
-            refinement.begin(image, tip_px, median);
+            refinement.begin(&tracker.sharp, tip_px, median);
         }
         tracker.search = tracker.new_search();
         tracker.pyramid.remember(image, median, tip_px);
@@ -152,6 +154,7 @@ impl Tracker {
             registrar: Registrar::new(instructions, &settings, warp, weight_sigma_px),
             search: Search::new(instructions, &anchor, blur_sigma_px, weight_sigma_px, [1, 1]),
             region: Region::default(),
+            sharp: Region::default(),
             refinement: settings.refine.then(|| Refinement::new(instructions, &settings)),
             taps: blur_taps(settings.blur_sigma_px),
             belief: Belief::at(Hysteresis::new(state), tip_px),
@@ -166,7 +169,7 @@ impl Tracker {
         tracker.search = tracker.new_search();
         // The largest region there will be, so that its buffers never grow again.
         let reach = tracker.tracking_reach();
-        tracker.region.fill_about(instructions, &Image::black(1, 1), &tracker.taps, [0.0; 2], reach);
+        tracker.look(&Image::black(1, 1), [0.0; 2], reach);
         tracker
     }
 
@@ -203,17 +206,23 @@ impl Tracker {
     fn follow(&mut self, image: &Image, median: Option<f64>, motion_px: Option<[f64; 2]>) -> Estimate {
         let expected_px = self.guesser.place_px(self.belief.tip_px, motion_px);
         let guess_px = self.pyramid.approach(image, median, expected_px);
-        let reach = self.tracking_reach();
-        self.region.fill_about(self.registrar.instructions, image, &self.taps, guess_px, reach);
-
         let guess = Placement { centre_px: guess_px, linear: self.previous_linear() };
         let changes = [&self.anchor, &self.previous].map(|template| self.change(template, median));
-        let first = if self.settings.update == UpdateStrategy::None {
-            let guess = Placement { linear: self.belief.linear, ..guess };
-            self.registrar.run(&self.region, &self.anchor, changes[0], guess)
-        } else {
-            self.registrar.run(&self.region, &self.previous, changes[1], guess)
-        };
+        // Most motions are short, and a small region is soon read; only who leaves it needs the large one.
+        let far = jump(&self.settings);
+        let first = [SHORT_JUMP_PX, far].into_iter().find_map(|jump| {
+            let reach = self.registrar.weights.part.reach() + jump;
+            self.look(image, guess_px, reach);
+            let first = if self.settings.update == UpdateStrategy::None {
+                let guess = Placement { linear: self.belief.linear, ..guess };
+                self.registrar.run(&self.region, &self.anchor, changes[0], guess)
+            } else {
+                self.registrar.run(&self.region, &self.previous, changes[1], guess)
+            };
+            Some(first).filter(|first| first.is_ok() || jump == far)
+        });
+        // The large region always ends in a result.
+        let Some(first) = first else { return self.declare_lost(Reason::Diverged, motion_px, None, 0) };
         let mut found = match first {
             Ok(found) => found,
             Err(failure) => return self.declare_lost(failure.reason, motion_px, None, failure.iterations),
@@ -223,7 +232,7 @@ impl Tracker {
             found.place.linear = self.belief.linear;
         }
         let refined = self.refinement.as_mut().and_then(|refinement| {
-            let (refined, iterations) = refinement.refine(image, median, &found.place);
+            let (refined, iterations) = refinement.refine(&self.sharp, median, &found.place);
             found.iterations += iterations;
             refined
         });
@@ -271,6 +280,18 @@ impl Tracker {
         self.pyramid.remember(image, median, at);
         let estimate = self.estimate(Reason::Ok, at, Some(view), iterations);
         Estimate { conditioning: Some(found.conditioning), ..estimate }
+    }
+
+    /// Reads the surroundings of a point.
+    fn look(&mut self, image: &Image, centre_px: [f64; 2], reach: usize) {
+        let (instructions, taps) = (self.registrar.instructions, &self.taps);
+        if self.refinement.is_some() {
+            let sharp_reach = Region::sharp_reach(reach, taps).max(Refinement::reach(&self.settings));
+            self.sharp.fill_about(instructions, image, &[1.0], centre_px, sharp_reach);
+            self.region.blur(instructions, &self.sharp, taps, centre_px, reach);
+        } else {
+            self.region.fill_about(instructions, image, taps, centre_px, reach);
+        }
     }
 
     /// Linear part of T_n's warp: between two images nothing turns far, and where a refinement knows how T_1 has turned, T_n
@@ -358,7 +379,7 @@ impl Tracker {
         }
     }
 
-    /// Half-side of the region a registration may wander in.
+    /// Half-side of the largest region a registration may wander in.
     fn tracking_reach(&self) -> usize {
         self.registrar.weights.part.reach() + jump(&self.settings)
     }
@@ -401,6 +422,9 @@ impl Tracker {
         self.last
     }
 }
+
+/// How far a registration may wander at first, in pixels.
+const SHORT_JUMP_PX: usize = 6;
 
 /// How far a registration may wander from the guess, in pixels.
 fn jump(settings: &TrackerSettings) -> usize {
