@@ -36,6 +36,9 @@ impl Trial {
 
     /// The tracker is told nothing but the image; `truth_px` is where what was clicked is now.
     fn see(&mut self, image: &Image, truth_px: [f64; 2]) {
+        if self.outcome() == Outcome::Silent {
+            return;
+        }
         let estimate = self.tracker.track(image, &Context::default());
         if estimate.state == TrackState::Tracking {
             let off_px = distance(estimate.tip_px.expect("a tip"), truth_px);
