@@ -5,11 +5,13 @@
 //! speckle's rms; fresh multiplicative speckle of 8 % goes over every image.
 #![allow(dead_code, unused_imports, reason = "every test binary uses its own part")]
 
+mod answer;
 mod needle;
 mod rigid;
 mod speckle;
 mod trials;
 
+pub use answer::check_answer;
 pub use needle::{NeedleScene, Shadow, Tissue};
 pub use rigid::RigidScene;
 pub use trials::{Fade, Faded, Outcome, Shares, fade, follow, steady};
