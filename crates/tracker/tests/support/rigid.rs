@@ -9,18 +9,20 @@ use super::{HEIGHT, WIDTH};
 /// Room that a rigid scene has to walk in.
 const MARGIN: usize = 64;
 
-/// Needle and speckle that move together by up to 3 px per axis and image.
+/// Needle and speckle that move together.
 pub struct RigidScene {
     base: Vec<f32>,
     fresh_db: Vec<f32>,
     rng: ChaCha8Rng,
     shift: [f64; 2],
+    step_px: f64,
     /// Added to every image before the log compression.
     pub gain_db: f32,
 }
 
 impl RigidScene {
-    pub fn new(seed: u64) -> Self {
+    /// Moves by up to `step_px` on either axis from one image to the next.
+    pub fn by(seed: u64, step_px: f64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (width, height) = (WIDTH + 2 * MARGIN, HEIGHT + 2 * MARGIN);
         let mut base = speckle(&mut rng, width, height);
@@ -32,7 +34,7 @@ impl RigidScene {
             }
         }
         let fresh_db = fresh_db(&mut rng);
-        Self { base, fresh_db, rng, shift: [0.0; 2], gain_db: 0.0 }
+        Self { base, fresh_db, rng, shift: [0.0; 2], step_px, gain_db: 0.0 }
     }
 
     /// The next image and its true tip; `still` keeps the scene where it is.
@@ -42,7 +44,8 @@ impl RigidScene {
             if still {
                 break;
             }
-            let step = [self.rng.random_range(-3.0..3.0), self.rng.random_range(-3.0..3.0)];
+            let steps_px = -self.step_px..self.step_px;
+            let step = [self.rng.random_range(steps_px.clone()), self.rng.random_range(steps_px)];
             shift = [self.shift[0] + step[0], self.shift[1] + step[1]];
             if shift.iter().all(|s: &f64| s.abs() < 40.0) {
                 break;
