@@ -16,6 +16,8 @@
 //! [`baseline`] holds the authors' earlier method, which localises the needle in every image by itself: to compare
 //! with, and to find a first tip.
 //!
+//! [`limits`] says over which backgrounds, and under what else, the tip is held, and where it is lost.
+//!
 //! The same images give the same bytes on every machine: sums run in one fixed order, and the transcendental
 //! functions come from `libm`.
 
@@ -28,6 +30,8 @@ mod guess;
 mod hysteresis;
 mod kalman;
 mod likeness;
+#[doc = include_str!("../docs/where_it_breaks.md")]
+pub mod limits {}
 mod lost;
 mod pyramid;
 mod refine;

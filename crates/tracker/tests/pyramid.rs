@@ -78,8 +78,7 @@ fn shares(counts: &[[Followed; 2]], jumps: u32) -> [[f64; 3]; 2] {
 fn rigid(step_px: f64) -> [[f64; 3]; 2] {
     let seeds: Vec<u64> = (501..509).collect();
     let counts = in_parallel(&seeds, |seed| {
-        let mut scene = RigidScene::new(*seed);
-        scene.step_px = step_px;
+        let mut scene = RigidScene::by(*seed, step_px);
         let images: Vec<_> = (0..31).map(|k| scene.next(k == 0)).collect();
         jumps(&images)
     });

@@ -3,8 +3,8 @@
 mod support;
 
 use sonoloop_tracker::{Context, Tracker};
-use sonoloop_types::{Optimisation, Profile, Similarity, TrackState, TrackerSettings};
-use support::{RigidScene, distance, median};
+use sonoloop_types::{Optimisation, Profile, Similarity, TrackState, TrackerSettings, Warp};
+use support::{RigidScene, distance, in_parallel, median};
 
 struct Outcome {
     errors_px: Vec<f64>,
@@ -13,8 +13,12 @@ struct Outcome {
 }
 
 /// Several trackers over the same images.
-fn follow(seed: u64, images: u32, gain: impl Fn(u32) -> f32, settings: &[TrackerSettings]) -> Vec<Outcome> {
-    let mut scene = RigidScene::new(seed);
+fn follow(
+    mut scene: RigidScene,
+    images: u32,
+    gain: impl Fn(u32) -> f32,
+    settings: &[TrackerSettings],
+) -> Vec<Outcome> {
     scene.gain_db = gain(0);
     let (first, tip) = scene.next(true);
     let mut runs: Vec<_> = settings
@@ -44,7 +48,7 @@ fn with(profile: Profile, similarity: Similarity) -> TrackerSettings {
 #[test]
 fn ssd_of_second_order_follows_within_a_fifth_of_a_pixel() {
     let settings = [with(Profile::Paper, Similarity::Ssd), with(Profile::Robust, Similarity::Ssd)];
-    for outcome in follow(7, 80, |_| 0.0, &settings) {
+    for outcome in follow(RigidScene::by(7, 3.0), 80, |_| 0.0, &settings) {
         assert!(outcome.all_tracking);
         assert!(median(&outcome.errors_px) < 0.2, "{}", median(&outcome.errors_px));
     }
@@ -55,21 +59,68 @@ fn scv_follows_while_the_gain_changes() {
     // A ramp of 6 dB up, then a step down.
     let gain = |k: u32| if k < 40 { 0.15 * k as f32 } else { -2.0 };
     let settings = [with(Profile::Paper, Similarity::Scv), with(Profile::Robust, Similarity::Scv)];
-    for outcome in follow(8, 80, gain, &settings) {
+    for outcome in follow(RigidScene::by(8, 3.0), 80, gain, &settings) {
         assert!(outcome.all_tracking);
         assert!(median(&outcome.errors_px) < 0.3, "{}", median(&outcome.errors_px));
     }
 }
 
-#[test]
-fn second_order_needs_at_most_sixty_percent_of_the_iterations() {
-    let order = |optimisation| TrackerSettings {
-        optimisation,
-        similarity: Similarity::Ssd,
-        ..TrackerSettings::profile(Profile::Paper, 61)
+/// A profile, similarity, warp and side of the template.
+type Case = (Profile, Similarity, Warp, u32);
+
+/// Iterations of second order over those of first order, of each case: four seeds, 60 images each, motion up to `step_px`
+/// on either axis.
+fn shares_of_iterations(step_px: f64, cases: &[Case]) -> Vec<f64> {
+    let with_order = |&(profile, similarity, warp, template_px): &Case| {
+        [Optimisation::FirstOrder, Optimisation::SecondOrder].map(|optimisation| TrackerSettings {
+            optimisation,
+            similarity,
+            warp,
+            ..TrackerSettings::profile(profile, template_px)
+        })
     };
-    let settings = [order(Optimisation::FirstOrder), order(Optimisation::SecondOrder)];
-    let outcomes = follow(11, 60, |_| 0.0, &settings);
-    let [first, second] = [&outcomes[0], &outcomes[1]].map(|outcome| f64::from(outcome.iterations));
-    assert!(second <= 0.6 * first, "first order {first}, second order {second}");
+    let settings: Vec<_> = cases.iter().flat_map(with_order).collect();
+    let runs =
+        in_parallel(&[11, 12, 13, 14], |seed| follow(RigidScene::by(*seed, step_px), 60, |_| 0.0, &settings));
+    let total = |which: usize| runs.iter().map(|outcomes| f64::from(outcomes[which].iterations)).sum::<f64>();
+    (0..cases.len()).map(|case| total(2 * case + 1) / total(2 * case)).collect()
+}
+
+/// The paper's Table I has more than 40 % less time for second order, as a rule. Here it is so where an image moves by more
+/// than the width of what the sums rest on, and not otherwise. Both orders are Gauss-Newton near the solution, and end there
+/// alike; every image has two registrations (T_n, then T_1), and the second begins where the first ended. Share of the
+/// iterations that are left, measured with these seeds, up to so many pixels per axis and image:
+///
+/// | profile | template | warp | SSD at 3 px | 4 | 6 | SCV at 3 px | 4 | 6 |
+/// |---|---|---|---|---|---|---|---|---|
+/// | paper | 20×20 | translation | 1.00 | 0.96 | 0.72 | 0.67 | 0.57 | 0.52 |
+/// | paper | 20×20 | affine | 1.06 | 1.05 | 0.90 | 0.92 | 0.77 | 0.85 |
+/// | paper | 61×61 | translation | 0.36 | 0.39 | 0.39 | 0.50 | 0.46 | 0.24 |
+/// | paper | 61×61 | affine | 0.92 | 0.49 | 0.41 | 0.51 | 1.04 | 1.27 |
+/// | robust | 20×20 | translation | 0.97 | 0.96 | 0.39 | 0.99 | 0.98 | 0.61 |
+/// | robust | 61×61 | translation | 0.96 | 0.97 | 0.42 | 0.99 | 0.98 | 0.41 |
+/// | robust | 61×61 | affine | 0.98 | 1.04 | 0.98 | 1.03 | 1.05 | 1.02 |
+///
+/// A 20×20 template is all tip, some 5 px wide; a 61×61 one is mostly speckle, 1 px to 2 px wide. The robust profile's blur
+/// and weight leave the wide tip alone. Shares far over 1 come with warps that both orders lose.
+#[test]
+fn second_order_needs_at_most_sixty_percent_of_the_iterations_over_fine_speckle() {
+    let cases = [
+        (Profile::Paper, Similarity::Ssd, Warp::Translation, 61),
+        (Profile::Paper, Similarity::Scv, Warp::Translation, 61),
+        // Where there is no gain nobody should expect one: a bright tip that moves by less than its width.
+        (Profile::Paper, Similarity::Ssd, Warp::Translation, 20),
+        (Profile::Paper, Similarity::Ssd, Warp::Affine, 20),
+        (Profile::Robust, Similarity::Ssd, Warp::Translation, 20),
+    ];
+    let shares = shares_of_iterations(3.0, &cases);
+    assert!(shares[..2].iter().all(|share| *share <= 0.6), "{shares:?}");
+    assert!(shares[2..].iter().all(|share| (0.8..1.2).contains(share)), "{shares:?}");
+}
+
+#[test]
+fn second_order_needs_at_most_sixty_percent_of_the_iterations_after_a_large_motion() {
+    let cases = [Similarity::Ssd, Similarity::Scv].map(|s| (Profile::Robust, s, Warp::Translation, 61));
+    let shares = shares_of_iterations(6.0, &cases);
+    assert!(shares.iter().all(|share| *share <= 0.6), "{shares:?}");
 }

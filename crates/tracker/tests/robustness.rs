@@ -3,9 +3,12 @@
 mod support;
 
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 use sonoloop_tracker::{Checkpoint, Context, Tracker, TrackerError};
-use sonoloop_types::{Image, Profile, Reason, Similarity, TrackState, TrackerSettings, UpdateStrategy};
-use support::NeedleScene;
+use sonoloop_types::{
+    Image, Optimisation, Profile, Reason, Similarity, TrackState, TrackerSettings, UpdateStrategy, Warp,
+};
+use support::{NeedleScene, check_answer};
 
 fn speckled(width_px: u32, height_px: u32, seed: u32) -> Image {
     let mut x = seed;
@@ -138,53 +141,236 @@ fn the_same_images_give_the_same_answers() {
     assert_eq!(run(), run());
 }
 
+/// What a picture may look like; sizes and buffers that do not match among them.
+#[derive(Debug, Clone, Copy)]
+enum Look {
+    Noise(u32),
+    Constant(u8),
+    /// Black and white squares of so many pixels: saturated, and alike everywhere.
+    Squares(u32),
+    Ramp,
+    /// One bright pixel on black.
+    Dot,
+    /// A buffer of so many pixels, whatever the size says.
+    Broken(usize),
+    /// A size that no memory holds.
+    Huge,
+}
+
+fn picture([width_px, height_px]: [u32; 2], look: Look) -> Image {
+    let of = |level: fn(u32, u32, u32) -> u8, by: u32| {
+        let pixels = (0..height_px).flat_map(|v| (0..width_px).map(move |u| level(u, v, by))).collect();
+        Image { width_px, height_px, pixels }
+    };
+    match look {
+        Look::Noise(seed) => speckled(width_px, height_px, seed),
+        Look::Constant(level) => constant(width_px, height_px, level),
+        Look::Squares(side) => of(|u, v, side| if (u / side + v / side) % 2 == 0 { 255 } else { 0 }, side),
+        Look::Ramp => of(|u, v, _| (3 * u + 2 * v) as u8, 0),
+        Look::Dot => of(|u, v, by| if u == by / 2 && v == by / 3 { 255 } else { 0 }, width_px),
+        Look::Broken(pixels) => Image { width_px, height_px, pixels: vec![9; pixels] },
+        Look::Huge => Image { width_px: u32::MAX, height_px: u32::MAX, pixels: vec![9; 4] },
+    }
+}
+
+fn look() -> impl Strategy<Value = Look> {
+    prop_oneof![
+        4 => any::<u32>().prop_map(Look::Noise),
+        2 => any::<u8>().prop_map(Look::Constant),
+        2 => (1_u32..9).prop_map(Look::Squares),
+        1 => Just(Look::Ramp),
+        1 => Just(Look::Dot),
+        1 => (0_usize..99).prop_map(Look::Broken),
+        1 => Just(Look::Huge),
+    ]
+}
+
+/// From one pixel to a picture in which every template finds room.
+fn size() -> impl Strategy<Value = [u32; 2]> {
+    prop_oneof![4 => [20_u32..150, 20_u32..150], 2 => [1_u32..60, 1_u32..60], 1 => Just([1, 1])]
+}
+
 fn number() -> impl Strategy<Value = f64> {
-    prop_oneof![-20.0..140.0_f64, Just(f64::NAN), Just(f64::INFINITY), Just(-1e300), Just(0.0)]
+    prop_oneof![
+        4 => -20.0..170.0_f64,
+        1 => -3.0..3.0_f64,
+        1 => prop_oneof![
+            Just(f64::NAN), Just(f64::INFINITY), Just(f64::NEG_INFINITY), Just(-1e300), Just(1e9), Just(9999.5),
+            Just(f64::MIN_POSITIVE), Just(-0.0), Just(0.0)
+        ],
+    ]
+}
+
+fn context() -> impl Strategy<Value = Context> {
+    let pair = || proptest::option::of([number(), number()]);
+    (pair(), any::<bool>(), pair()).prop_map(|(motion_px, hold_confirmation, axis_px)| Context {
+        motion_px,
+        hold_confirmation,
+        axis_px,
+    })
+}
+
+/// Anything that is accepted, the ends of every range included.
+fn settings() -> impl Strategy<Value = TrackerSettings> {
+    let kinds = (
+        prop_oneof![Just(Profile::Paper), Just(Profile::Robust)],
+        prop_oneof![Just(Similarity::Ssd), Just(Similarity::Scv)],
+        prop_oneof![Just(Optimisation::FirstOrder), Just(Optimisation::SecondOrder)],
+        prop_oneof![Just(Warp::Translation), Just(Warp::Rigid), Just(Warp::Affine)],
+        prop_oneof![
+            Just(UpdateStrategy::None),
+            Just(UpdateStrategy::Naive),
+            Just(UpdateStrategy::DriftCorrected)
+        ],
+        prop_oneof![6 => 8_u32..40, 1 => Just(8), 1 => Just(128)],
+    );
+    let plain = kinds.prop_map(|(profile, similarity, optimisation, warp, update, template_px)| {
+        let basis = TrackerSettings::profile(profile, template_px);
+        TrackerSettings { similarity, optimisation, warp, update, ..basis }
+    });
+    let optimiser = (
+        prop_oneof![2_u32..=256, Just(2), Just(256)],
+        prop_oneof![Just(0.0), Just(8.0), 0.0..=8.0],
+        prop_oneof![Just(0.0), Just(1.0), Just(1000.0), 1.0..=20.0],
+        prop_oneof![Just(0.0), Just(1.0), 0.0..=1.0],
+        prop_oneof![Just(0.0), Just(128.0), 0.0..=5.0],
+        prop_oneof![Just(1_u32), Just(1000), 1_u32..=60],
+        prop_oneof![Just(1e-6), Just(1.0), 1e-4..=0.1],
+    );
+    let ncc = || prop_oneof![Just(-1.0), Just(1.0), -1.0..=1.0];
+    let tests = (
+        ncc(),
+        ncc(),
+        prop_oneof![Just(None), Just(Some(1e-6)), Just(Some(1e6)), (0.1..2.0).prop_map(Some)],
+        ncc(),
+        prop_oneof![Just(1_u32), Just(1_000_000), 1_u32..5],
+        prop_oneof![Just(0_u32), Just(u32::MAX), 0_u32..5],
+    );
+    // Half of the cases have a profile's own values, which track for longer.
+    prop_oneof![
+        plain.clone(),
+        (plain, optimiser, tests).prop_map(|(plain, optimiser, tests)| TrackerSettings {
+            scv_bins: optimiser.0,
+            blur_sigma_px: optimiser.1,
+            weight_sigma_px: optimiser.2,
+            velocity_memory: optimiser.3,
+            drift_tolerance_px: optimiser.4,
+            max_iterations: optimiser.5,
+            epsilon_px: optimiser.6,
+            loss_ncc_previous: tests.0,
+            loss_ncc_anchor: tests.1,
+            loss_brightness_ratio: tests.2,
+            recovery_ncc: tests.3,
+            confirmation_images: tests.4,
+            whole_image_after: tests.5,
+            ..plain
+        }),
+    ]
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+    // The same cases every time; the fuzz target looks farther.
+    #![proptest_config(ProptestConfig {
+        cases: 400,
+        rng_seed: RngSeed::Fixed(1),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
     #[test]
-    fn nothing_panics(
-        side in 8_u32..40,
-        size in [1_u32..90, 1_u32..90],
-        tip in [number(), number()],
-        motion in proptest::option::of([number(), number()]),
-        seeds in [any::<u32>(), any::<u32>(), any::<u32>()],
-        other in [1_u32..90, 1_u32..90],
-        level in any::<u8>(),
-        hold in any::<bool>(),
-        profile in prop_oneof![Just(Profile::Paper), Just(Profile::Robust)],
-        similarity in prop_oneof![Just(Similarity::Ssd), Just(Similarity::Scv)],
-        update in prop_oneof![
-            Just(UpdateStrategy::None), Just(UpdateStrategy::Naive), Just(UpdateStrategy::DriftCorrected)
-        ],
+    fn whatever_comes_in_the_answer_is_finite_and_in_range(
+        settings in settings(),
+        first in (size(), look()),
+        // Mostly inside.
+        tip in prop_oneof![3 => [0.2..0.8_f64, 0.2..0.8_f64], 1 => [number(), number()]],
+        next in proptest::collection::vec((proptest::option::of(size()), look(), context()), 1..9),
+        repeats in 1_usize..4,
     ) {
-        let settings = TrackerSettings { similarity, update, ..TrackerSettings::profile(profile, side) };
-        let first = speckled(size[0], size[1], seeds[0]);
-        if let Ok(mut tracker) = Tracker::new(settings, &first, tip) {
-            let context = Context { motion_px: motion, hold_confirmation: hold, axis_px: None };
-            let images = [
-                first.clone(),
-                speckled(size[0], size[1], seeds[1]),
-                constant(size[0], size[1], level),
-                speckled(other[0], other[1], seeds[2]),
-                Image { width_px: other[0], height_px: other[1], pixels: vec![level; 3] },
-                first,
-            ];
-            for image in images.iter().cycle().take(14) {
-                let estimate = tracker.track(image, &context);
-                let [u, v] = estimate.tip_px.unwrap();
-                prop_assert!(u.is_finite() && v.is_finite());
-                for ncc in [estimate.ncc_anchor, estimate.ncc_previous].into_iter().flatten() {
-                    prop_assert!((-1.0..=1.0).contains(&ncc));
-                }
-                prop_assert!(estimate.tip_level.is_none_or(|level| (0.0..=255.0).contains(&level)));
-                prop_assert!(estimate.brightness_ratio.is_none_or(|ratio| ratio.is_finite() && ratio >= 0.0));
+        let (size, look) = first;
+        let first = picture(size, look);
+        let is_share = tip.iter().all(|t| (0.2..0.8).contains(t));
+        let tip = if is_share { [tip[0] * f64::from(size[0]), tip[1] * f64::from(size[1])] } else { tip };
+        let Ok(mut tracker) = Tracker::new(settings, &first, tip) else { return Ok(()) };
+        check_answer(&settings, &first, &tracker.last_estimate());
+        for (other, look, context) in &next {
+            // The same picture again now and then, so that there is something to find.
+            let image = picture(other.unwrap_or(size), *look);
+            for image in core::iter::repeat_n(&image, repeats).chain([&first]) {
+                let estimate = tracker.track(image, context);
+                check_answer(&settings, image, &estimate);
+                prop_assert_eq!(estimate.state, tracker.state());
+                prop_assert_eq!(estimate, tracker.last_estimate());
             }
-            let restored = Tracker::restore(settings, &tracker.checkpoint());
-            prop_assert!(restored.is_ok() || tracker.tip_px().iter().any(|c| c.abs() > 16_384.0));
+        }
+        // It goes on from its own checkpoint, unless motion that was never measured has carried the tip away.
+        let restored = Tracker::restore(settings, &tracker.checkpoint());
+        prop_assert!(restored.is_ok() || tracker.tip_px().iter().any(|c| c.abs() > 16_384.0));
+    }
+
+    #[test]
+    fn a_spoilt_checkpoint_is_refused_or_harmless(
+        settings in settings(),
+        seeds in [any::<u32>(), any::<u32>()],
+        spoils in proptest::collection::vec((0_usize..9, number(), any::<u32>()), 0..4),
+        context in context(),
+        size in size(),
+    ) {
+        let first = speckled(150, 140, seeds[0]);
+        // The widest blur under the narrowest weight may leave no texture.
+        let Ok(tracker) = Tracker::new(settings, &first, [75.0, 70.0]) else { return Ok(()) };
+        let mut saved = tracker.checkpoint();
+        for (which, number, whole) in spoils {
+            let at = whole as usize % saved.anchor.padded.len().max(1);
+            match which {
+                0 => saved.tip_px[0] = number,
+                1 => saved.tip_px[1] = number,
+                2 => saved.picture_px[0] = whole % 20_000,
+                3 => saved.picture_px[1] = whole % 400,
+                4 => saved.lost_images = whole,
+                5 => saved.anchor.padded[at] = number as f32,
+                6 => saved.previous.padded.fill(number as f32),
+                7 => saved.anchor.median = Some(number),
+                _ => saved.previous.median = (whole % 2 == 0).then_some(number),
+            }
+        }
+        let Ok(mut restored) = Tracker::restore(settings, &saved) else { return Ok(()) };
+        prop_assert_eq!(restored.state(), TrackState::Lost);
+        for image in [&first, &speckled(size[0], size[1], seeds[1]), &first, &first, &first, &first] {
+            let estimate = restored.track(image, &context);
+            check_answer(&settings, image, &estimate);
+        }
+    }
+
+    #[test]
+    fn settings_beyond_their_bounds_are_refused(
+        plain in settings(),
+        which in 0_usize..12,
+        beyond in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(f64::NEG_INFINITY), Just(-1.5), Just(1e7)],
+    ) {
+        let mut settings = plain;
+        match which {
+            0 => settings.template_px = 7,
+            1 => settings.template_px = 129,
+            2 => settings.scv_bins = 257,
+            3 => settings.blur_sigma_px = beyond,
+            4 => settings.weight_sigma_px = beyond,
+            5 => settings.velocity_memory = beyond,
+            6 => settings.drift_tolerance_px = beyond,
+            7 => settings.epsilon_px = beyond,
+            8 => settings.loss_ncc_previous = beyond,
+            9 => settings.loss_ncc_anchor = beyond,
+            10 => settings.loss_brightness_ratio = Some(beyond),
+            _ => settings.recovery_ncc = beyond,
+        }
+        let image = speckled(150, 140, 1);
+        let usual = TrackerSettings::profile(Profile::Robust, 20);
+        let good = Tracker::new(usual, &image, [75.0, 70.0]).expect("noise has texture").checkpoint();
+        let refusals = [
+            Tracker::new(settings, &image, [75.0, 70.0]).map(|_| ()),
+            Tracker::restore(settings, &good).map(|_| ()),
+        ];
+        for refusal in refusals {
+            prop_assert!(matches!(refusal, Err(TrackerError::Setting { .. })), "{:?}: {:?}", settings, refusal);
         }
     }
 }
