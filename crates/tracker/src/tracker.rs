@@ -169,6 +169,7 @@ impl Tracker {
         tracker.search = tracker.new_search();
         // The largest region there will be, so that its buffers never grow again.
         let reach = tracker.tracking_reach();
+        tracker.region.fill_about(instructions, &Image::black(1, 1), &tracker.taps, [0.0; 2], reach);
         tracker.look(&Image::black(1, 1), [0.0; 2], reach);
         tracker
     }
