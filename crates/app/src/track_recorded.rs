@@ -8,13 +8,11 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use sonoloop_tracker::baseline::{BaselineTracker, Insertion, Localizer};
-use sonoloop_tracker::{Context, Tracker, snap_to_peak};
-use sonoloop_types::{
-    Estimate, Image, Optimisation, Profile, Reason, Similarity, TrackState, TrackerSettings, UpdateStrategy,
-    Warp,
-};
+use sonoloop_tracker::{Context, Tracker, TrackerError};
+use sonoloop_types::{Estimate, Image, Reason, TrackState, TrackerSettings};
 
 use crate::error::AppError;
+use crate::first_fix::first_fix;
 use crate::paths::no_file_in_the_way;
 use crate::say::say;
 use crate::sequence::Sequence;
@@ -37,24 +35,6 @@ pub struct TrackRecorded {
     /// The template tracker, or the authors' earlier method, which localises the needle in every image
     #[arg(long, value_enum, default_value = "template")]
     pub tracker: TrackerArg,
-    /// Set of tracker settings to start from
-    #[arg(long, value_enum, default_value = "robust")]
-    pub profile: ProfileArg,
-    /// Side of the square template in pixels
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(8..=128))]
-    pub template: u32,
-    /// What is minimised: squared differences or conditional variances
-    #[arg(long, value_enum, default_value = "scv")]
-    pub similarity: SimilarityArg,
-    /// Gauss-Newton of first or second order
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=2))]
-    pub order: u8,
-    /// Motion of the template
-    #[arg(long, value_enum, default_value = "translation")]
-    pub warp: WarpArg,
-    /// How the template follows the tip's appearance
-    #[arg(long, value_enum, default_value = "drift-corrected")]
-    pub update: UpdateArg,
     /// Folder for track.csv
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -81,49 +61,6 @@ pub enum TrackerArg {
     Baseline,
 }
 
-/// How far from where a needle is found to end the echo of its tip may be.
-const SNAP_PX: f64 = 5.0;
-
-/// `--profile`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum ProfileArg {
-    /// Narrow weights, brightness test, strict recovery
-    Robust,
-    /// What the paper says
-    Paper,
-}
-
-/// `--similarity`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum SimilarityArg {
-    /// Sum of squared differences
-    Ssd,
-    /// Sum of conditional variances
-    Scv,
-}
-
-/// `--warp`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum WarpArg {
-    /// Two degrees of freedom
-    Translation,
-    /// Three: it turns too
-    Rigid,
-    /// Six
-    Affine,
-}
-
-/// `--update`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum UpdateArg {
-    /// The first template for ever
-    None,
-    /// The last image's patch
-    Naive,
-    /// The last image's patch, held to the first template
-    DriftCorrected,
-}
-
 fn parse_init(text: &str) -> Result<Init, String> {
     if text == "localize" {
         return Ok(Init::Localize);
@@ -136,34 +73,6 @@ fn parse_init(text: &str) -> Result<Init, String> {
     Ok(Init::At([number(u)?, number(v)?]))
 }
 
-impl TrackRecorded {
-    /// The tracker's settings that these arguments ask for.
-    pub fn settings(&self) -> TrackerSettings {
-        let profile = match self.profile {
-            ProfileArg::Robust => Profile::Robust,
-            ProfileArg::Paper => Profile::Paper,
-        };
-        TrackerSettings {
-            similarity: match self.similarity {
-                SimilarityArg::Ssd => Similarity::Ssd,
-                SimilarityArg::Scv => Similarity::Scv,
-            },
-            optimisation: if self.order == 1 { Optimisation::FirstOrder } else { Optimisation::SecondOrder },
-            warp: match self.warp {
-                WarpArg::Translation => Warp::Translation,
-                WarpArg::Rigid => Warp::Rigid,
-                WarpArg::Affine => Warp::Affine,
-            },
-            update: match self.update {
-                UpdateArg::None => UpdateStrategy::None,
-                UpdateArg::Naive => UpdateStrategy::Naive,
-                UpdateArg::DriftCorrected => UpdateStrategy::DriftCorrected,
-            },
-            ..TrackerSettings::profile(profile, self.template)
-        }
-    }
-}
-
 /// One line of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackedImage {
@@ -174,9 +83,9 @@ pub struct TrackedImage {
 }
 
 /// Tracks the sequence, writes `track.csv`, prints a short summary. Bad input leaves nothing behind.
-pub fn run(args: &TrackRecorded) -> Result<(), AppError> {
+pub fn run(args: &TrackRecorded, settings: TrackerSettings) -> Result<(), AppError> {
     no_file_in_the_way("--out", args.out.as_deref())?;
-    let rows = track(args)?;
+    let rows = track(args, settings)?;
     if let Some(folder) = &args.out {
         write_table(folder, &rows)
             .map_err(|error| AppError::Fault(format!("error: {}: {error}", folder.join(TABLE).display())))?;
@@ -186,14 +95,23 @@ pub fn run(args: &TrackRecorded) -> Result<(), AppError> {
 }
 
 /// Tracks the whole sequence in memory.
-pub fn track(args: &TrackRecorded) -> Result<Vec<TrackedImage>, AppError> {
+pub fn track(args: &TrackRecorded, settings: TrackerSettings) -> Result<Vec<TrackedImage>, AppError> {
     let bad = |error: &dyn std::fmt::Display| AppError::BadInput(format!("error: {error}"));
     let mut sequence = Sequence::open(&args.sequence).map_err(|error| bad(&error))?;
     let mut rows: Vec<TrackedImage> = Vec::with_capacity(sequence.image_count());
     let mut tracker = Begun::new(args)?;
     while let Some(image) = sequence.next_image().map_err(|error| bad(&error))? {
         let start = Instant::now();
-        let estimate = tracker.track(args, &image)?;
+        let estimate = tracker.track(settings, &image).map_err(|(at, error)| {
+            AppError::BadInput(format!(
+                "error: {}: --init {},{} in an image of {} × {} px: {error}",
+                args.sequence.display(),
+                at[0],
+                at[1],
+                image.width_px,
+                image.height_px
+            ))
+        })?;
         rows.push(TrackedImage { estimate, time_us: start.elapsed().as_secs_f64() * 1e6 });
     }
     Ok(rows)
@@ -223,28 +141,18 @@ impl Begun {
         }
     }
 
-    fn track(&mut self, args: &TrackRecorded, image: &Image) -> Result<Estimate, AppError> {
+    /// Fails where no template fits around the click.
+    fn track(&mut self, settings: TrackerSettings, image: &Image) -> Result<Estimate, (Px, TrackerError)> {
         match self {
             Self::Template(tracker) => Ok(tracker.track(image, &Context::default())),
             Self::Baseline(tracker) => Ok(tracker.track(image)),
-            Self::Clicked([u, v]) => {
-                let made = Tracker::new(args.settings(), image, [*u, *v]).map_err(|error| {
-                    AppError::BadInput(format!(
-                        "error: {}: --init {u},{v} in an image of {} × {} px: {error}",
-                        args.sequence.display(),
-                        image.width_px,
-                        image.height_px
-                    ))
-                })?;
+            Self::Clicked(at) => {
+                let made = Tracker::new(settings, image, *at).map_err(|error| (*at, error))?;
                 Ok(self.begin(made))
             }
             Self::Searching(localizer) => {
-                let found =
-                    localizer.localize(image).map(|needle| snap_to_peak(image, needle.tip_px, SNAP_PX));
-                // A tip that no template fits around is one to look for again.
-                let made = found.and_then(|tip_px| Tracker::new(args.settings(), image, tip_px).ok());
                 let nothing = Estimate::bare(TrackState::Searching, Reason::NoCandidate, None);
-                Ok(made.map_or(nothing, |made| self.begin(made)))
+                Ok(first_fix(localizer, settings, image).map_or(nothing, |made| self.begin(made)))
             }
         }
     }
@@ -317,18 +225,32 @@ mod tests {
 
     use super::*;
     use crate::sequence::SequenceWriter;
+    use crate::tracker_args::TrackerArgs;
 
     #[derive(Debug, Parser)]
     struct Cli {
         #[command(flatten)]
         recorded: Option<TrackRecorded>,
+        #[command(flatten)]
+        settings: TrackerArgs,
         #[arg(long)]
         domain: Option<String>,
     }
 
-    fn args(sequence: &Path, more: &[&str]) -> TrackRecorded {
+    fn args(sequence: &Path, more: &[&str]) -> (TrackRecorded, TrackerSettings) {
         let start = ["track", sequence.to_str().unwrap()];
-        Cli::try_parse_from(start.iter().chain(more)).unwrap().recorded.unwrap()
+        let cli = Cli::try_parse_from(start.iter().chain(more)).unwrap();
+        (cli.recorded.unwrap(), cli.settings.settings().unwrap())
+    }
+
+    fn track_with(sequence: &Path, more: &[&str]) -> Vec<TrackedImage> {
+        let (recorded, settings) = args(sequence, more);
+        track(&recorded, settings).unwrap()
+    }
+
+    fn run_with(sequence: &Path, more: &[&str]) -> Result<(), AppError> {
+        let (recorded, settings) = args(sequence, more);
+        run(&recorded, settings)
     }
 
     /// A bright blob that moves over a slow texture.
@@ -362,25 +284,9 @@ mod tests {
         for (profile, similarity, order) in
             [("robust", "scv", "2"), ("robust", "ssd", "1"), ("paper", "ssd", "2")]
         {
-            let args = args(
-                &path,
-                &[
-                    "--init",
-                    "40,50",
-                    "--profile",
-                    profile,
-                    "--similarity",
-                    similarity,
-                    "--order",
-                    order,
-                    "--out",
-                ]
-                .iter()
-                .copied()
-                .chain([out.to_str().unwrap()])
-                .collect::<Vec<_>>(),
-            );
-            run(&args).unwrap();
+            let options =
+                ["--init", "40,50", "--profile", profile, "--similarity", similarity, "--order", order];
+            run_with(&path, &[&options[..], &["--out", out.to_str().unwrap()]].concat()).unwrap();
             let text = fs::read_to_string(out.join(TABLE)).unwrap();
             let lines: Vec<&str> = text.lines().collect();
             assert_eq!(lines[0], "image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us");
@@ -420,7 +326,7 @@ mod tests {
         }
         writer.finish().unwrap();
         for tracker in ["template", "baseline"] {
-            let rows = track(&args(&path, &["--init", "localize", "--tracker", tracker])).unwrap();
+            let rows = track_with(&path, &["--init", "localize", "--tracker", tracker]);
             for (k, TrackedImage { estimate, .. }) in rows.iter().enumerate() {
                 if k < 3 {
                     assert_eq!(estimate.state, TrackState::Searching, "{tracker}, image {k}");
@@ -432,7 +338,7 @@ mod tests {
                 assert!(off < 6.0, "{tracker}, image {k}: {off} px off");
             }
         }
-        let error = run(&args(&path, &["--init", "40,50", "--tracker", "baseline"])).unwrap_err();
+        let error = run_with(&path, &["--init", "40,50", "--tracker", "baseline"]).unwrap_err();
         assert!(error.to_string().contains("--init localize"), "{error}");
     }
 
@@ -442,8 +348,7 @@ mod tests {
         let out = folder.path().join("out");
         let path = sequence(folder.path());
         let refused = |path: &Path, more: &[&str], expected: &str| {
-            let args = args(path, &[more, &["--out", out.to_str().unwrap()]].concat());
-            let error = run(&args).unwrap_err();
+            let error = run_with(path, &[more, &["--out", out.to_str().unwrap()]].concat()).unwrap_err();
             assert!(matches!(error, AppError::BadInput(_)));
             let message = error.to_string();
             assert!(message.contains(expected) && !message.contains('\n'), "{message}");
@@ -469,7 +374,8 @@ mod tests {
             &["track", "a.mha", "--init", "1;2"],
             &["track", "a.mha", "--init", "1,x"],
             &["track", "a.mha", "--init", "1,NaN"],
-            &["track", "a.mha", "--init", "1,2", "--template", "4"],
+            &["track", "--domain", "d", "--template", "31"],
+            &["track", "--domain", "d", "--profile", "paper"],
             &["track", "a.mha", "--init", "1,2", "--order", "3"],
             &["track", "a.mha", "--init", "1,2", "--warp", "bicubic"],
         ] {
@@ -508,8 +414,8 @@ mod tests {
                 let at = |points: &[f64]| [points[2 * wire], points[2 * wire + 1]];
                 let [u, v] = at(&truth[0].1);
                 let init = format!("{u},{v}");
-                let args = args(&data.join("wires.igs.mha"), &["--init", &init, "--similarity", similarity]);
-                let rows = track(&args).unwrap();
+                let rows =
+                    track_with(&data.join("wires.igs.mha"), &["--init", &init, "--similarity", similarity]);
                 let mut errors: Vec<f64> = truth[1..]
                     .iter()
                     .map(|(image, points)| {

@@ -44,5 +44,6 @@ mod warped;
 
 pub use checkpoint::{Checkpoint, SavedTemplate};
 pub use error::TrackerError;
+pub use settings::check_settings;
 pub use snap::snap_to_peak;
 pub use tracker::{Context, Tracker};

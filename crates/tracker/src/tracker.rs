@@ -12,7 +12,7 @@ use crate::register::Registrar;
 use crate::search::Search;
 use crate::template::Template;
 use crate::warp::Placement;
-use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
+use crate::{Checkpoint, SavedTemplate, TrackerError, check_settings};
 
 /// A measured motion beyond this is not one of an ultrasound picture.
 const MAX_MOTION_PX: f64 = 1e4;
@@ -79,7 +79,7 @@ impl Tracker {
     /// `tip_px` is (u, v) in pixels from the centre of the top-left one. Refuses settings outside their bounds, a
     /// tip with under half of its template inside the image, and a tip without texture.
     pub fn new(settings: TrackerSettings, image: &Image, tip_px: [f64; 2]) -> Result<Self, TrackerError> {
-        settings::check(&settings)?;
+        check_settings(&settings)?;
         let (width_px, height_px) = (image.width_px, image.height_px);
         if !is_sound(image) {
             return Err(TrackerError::Image { width_px, height_px, pixels: image.pixels.len() });
@@ -119,7 +119,7 @@ impl Tracker {
     /// Goes on from a checkpoint: LOST with [`Reason::Restarted`], searching about the last tip, and TRACKING only
     /// after a fresh confirmation. Refuses a checkpoint that does not fit `settings` or holds impossible values.
     pub fn restore(settings: TrackerSettings, checkpoint: &Checkpoint) -> Result<Self, TrackerError> {
-        settings::check(&settings)?;
+        check_settings(&settings)?;
         let templates = checkpoint.templates(&settings)?;
         let (picture_px, tip_px) = (checkpoint.picture_px, checkpoint.tip_px);
         let mut tracker = Self::assemble(settings, templates, picture_px, tip_px, TrackState::Lost);
