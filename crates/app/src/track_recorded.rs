@@ -1,8 +1,6 @@
 //! The tracker alone on a recorded sequence: `sonoloop track SEQUENCE --init U,V`.
 
 use std::fmt::Write as _;
-use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -13,12 +11,18 @@ use sonoloop_types::{Estimate, Image, Reason, TrackState, TrackerSettings};
 
 use crate::error::AppError;
 use crate::first_fix::first_fix;
+use crate::output::{Stage, Tracked, rgb_png, snake, strip, write_gif};
 use crate::paths::no_file_in_the_way;
+use crate::record::ImageStore;
 use crate::say::say;
 use crate::sequence::Sequence;
 
-/// Name of the table in `--out DIR`.
+/// Names of the files in `--out DIR`.
 const TABLE: &str = "track.csv";
+const GIF: &str = "track.gif";
+const STRIP: &str = "strip.png";
+/// Time between images where the recording does not say.
+const PERIOD_MS: u64 = 40;
 
 /// What to track, and how.
 ///
@@ -35,7 +39,7 @@ pub struct TrackRecorded {
     /// The template tracker, or the authors' earlier method, which localises the needle in every image
     #[arg(long, value_enum, default_value = "template")]
     pub tracker: TrackerArg,
-    /// Folder for track.csv
+    /// Folder for track.csv, track.gif (every image with the template's box) and strip.png (a dozen, every loss and recovery)
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
@@ -78,17 +82,18 @@ fn parse_init(text: &str) -> Result<Init, String> {
 pub struct TrackedImage {
     /// What the tracker said; image 0 is the one with the click.
     pub estimate: Estimate,
-    /// How long it took, wall clock.
+    /// Linear part of the template's warp, row by row; `None` without a template.
+    pub linear: Option<[[f64; 2]; 2]>,
+    /// How long the tracker took, wall clock; reading and drawing are not in it.
     pub time_us: f64,
 }
 
-/// Tracks the sequence, writes `track.csv`, prints a short summary. Bad input leaves nothing behind.
+/// Tracks the sequence, writes table and pictures, prints a short summary. Bad input leaves nothing behind.
 pub fn run(args: &TrackRecorded, settings: TrackerSettings) -> Result<(), AppError> {
     no_file_in_the_way("--out", args.out.as_deref())?;
     let rows = track(args, settings)?;
     if let Some(folder) = &args.out {
-        write_table(folder, &rows)
-            .map_err(|error| AppError::Fault(format!("error: {}: {error}", folder.join(TABLE).display())))?;
+        write_files(folder, args, &rows, settings.template_px)?;
     }
     say(summary(&rows).trim_end());
     Ok(())
@@ -112,7 +117,8 @@ pub fn track(args: &TrackRecorded, settings: TrackerSettings) -> Result<Vec<Trac
                 image.height_px
             ))
         })?;
-        rows.push(TrackedImage { estimate, time_us: start.elapsed().as_secs_f64() * 1e6 });
+        let time_us = start.elapsed().as_secs_f64() * 1e6;
+        rows.push(TrackedImage { estimate, linear: tracker.linear(), time_us });
     }
     Ok(rows)
 }
@@ -157,6 +163,13 @@ impl Begun {
         }
     }
 
+    fn linear(&self) -> Option<[[f64; 2]; 2]> {
+        match self {
+            Self::Template(tracker) => Some(tracker.linear()),
+            _ => None,
+        }
+    }
+
     fn begin(&mut self, made: Tracker) -> Estimate {
         let estimate = made.last_estimate();
         *self = Self::Template(Box::new(made));
@@ -164,46 +177,64 @@ impl Begun {
     }
 }
 
-fn write_table(folder: &Path, rows: &[TrackedImage]) -> std::io::Result<()> {
-    fs::create_dir_all(folder)?;
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(table(rows).as_bytes())?;
-    #[cfg(unix)]
-    {
-        // Temporary files are private; a finished one is as readable as any other.
-        use std::os::unix::fs::PermissionsExt;
-        file.as_file().set_permissions(fs::Permissions::from_mode(0o644))?;
+/// The table and the pictures, each whole before any gets its name. The recording is read once more for the pictures, so that
+/// nothing but the tracker runs between two images while it is timed.
+fn write_files(
+    folder: &Path,
+    args: &TrackRecorded,
+    rows: &[TrackedImage],
+    template_px: u32,
+) -> Result<(), AppError> {
+    let mut sequence = Sequence::open(&args.sequence).map_err(AppError::fault)?;
+    let mut pixels = ImageStore::new().map_err(AppError::fault)?;
+    while let Some(image) = sequence.next_image().map_err(AppError::fault)? {
+        pixels.push(&image).map_err(AppError::fault)?;
     }
-    file.persist(folder.join(TABLE))?;
-    Ok(())
+    let tracked = Tracked { rows, pixels: &pixels, template_px, period_ms: period_ms(&sequence) };
+    let stage = Stage::ending_with(folder, TABLE).map_err(AppError::fault)?;
+    write_gif(&stage.path(GIF), &tracked).map_err(AppError::fault)?;
+    let sheet = strip(&tracked).map_err(AppError::fault)?;
+    stage.write(STRIP, rgb_png(&sheet).map_err(AppError::fault)?).map_err(AppError::fault)?;
+    stage.write(TABLE, table(rows)).map_err(AppError::fault)?;
+    stage.publish(&[GIF, STRIP]).map_err(AppError::fault)
 }
+
+/// Mean time between images by the recording's own clock.
+fn period_ms(sequence: &Sequence) -> u64 {
+    let last = sequence.image_count().saturating_sub(1);
+    let span_s = sequence.fields().and_then(|f| Some(f.timestamp_s(last)? - f.timestamp_s(0)?));
+    let period_ms = span_s.map(|span_s| 1000.0 * span_s / last as f64);
+    period_ms.filter(|ms| (1.0..=1000.0).contains(ms)).map_or(PERIOD_MS, |ms| ms.round() as u64)
+}
+
+const COLUMNS: &str = "image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us,\
+    reason,brightness_ratio,tip_level,conditioning,warp_uu,warp_uv,warp_vu,warp_vv";
 
 /// The table as text. A value that the tracker does not have is left empty.
 fn table(rows: &[TrackedImage]) -> String {
-    let mut text = String::from("image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us\n");
+    let mut text = format!("{COLUMNS}\n");
     let number = |value: Option<f64>, digits: usize| value.map_or(String::new(), |v| format!("{v:.digits$}"));
-    for (image, TrackedImage { estimate, time_us }) in rows.iter().enumerate() {
-        let _ = writeln!(
+    for (image, TrackedImage { estimate, linear, time_us }) in rows.iter().enumerate() {
+        let _ = write!(
             text,
-            "{image},{},{},{},{},{},{},{time_us:.1}",
+            "{image},{},{},{},{},{},{},{time_us:.1},{},{},{},{}",
             number(estimate.tip_px.map(|tip| tip[0]), 4),
             number(estimate.tip_px.map(|tip| tip[1]), 4),
-            state_name(estimate.state),
+            snake(&estimate.state),
             number(estimate.ncc_previous, 6),
             number(estimate.ncc_anchor, 6),
             estimate.iterations,
+            snake(&estimate.reason),
+            number(estimate.brightness_ratio, 6),
+            number(estimate.tip_level, 3),
+            number(estimate.conditioning, 6),
         );
+        for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let _ = write!(text, ",{}", number(linear.map(|linear| linear[row][column]), 6));
+        }
+        text.push('\n');
     }
     text
-}
-
-fn state_name(state: TrackState) -> &'static str {
-    match state {
-        TrackState::Searching => "searching",
-        TrackState::Tracking => "tracking",
-        TrackState::Lost => "lost",
-        TrackState::Recovering => "recovering",
-    }
 }
 
 fn summary(rows: &[TrackedImage]) -> String {
@@ -221,6 +252,8 @@ fn summary(rows: &[TrackedImage]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use clap::Parser;
 
     use super::*;
@@ -289,7 +322,7 @@ mod tests {
             run_with(&path, &[&options[..], &["--out", out.to_str().unwrap()]].concat()).unwrap();
             let text = fs::read_to_string(out.join(TABLE)).unwrap();
             let lines: Vec<&str> = text.lines().collect();
-            assert_eq!(lines[0], "image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us");
+            assert_eq!(lines[0], COLUMNS);
             assert_eq!(lines.len(), 21);
             assert!(lines[1].starts_with("0,40.0000,50.0000,tracking,1.000000,1.000000,0,"), "{}", lines[1]);
             for (k, line) in lines[1..].iter().enumerate() {
@@ -300,7 +333,44 @@ mod tests {
                 assert!((cells[2].parse::<f64>().unwrap() - 50.0 - k as f64).abs() < 1.0, "{line}");
             }
         }
-        assert_eq!(fs::read_dir(&out).unwrap().count(), 1, "no temporary file is left");
+        assert_eq!(fs::read_dir(&out).unwrap().count(), 3, "no temporary file is left");
+        let strip = image::open(out.join(STRIP)).unwrap().into_rgb8();
+        // Twelve cells of 240 × (120 + 22) px in four columns, and the title.
+        assert_eq!(strip.dimensions(), (4 * (240 + 6) + 6, 22 + 3 * (120 + 22 + 6) + 6));
+        let gif = fs::read(out.join(GIF)).unwrap();
+        assert!(gif.starts_with(b"GIF89a"));
+        assert_eq!(gif[6..10], [400_u16.to_le_bytes(), (120_u16 + 22).to_le_bytes()].concat());
+    }
+
+    /// Columns that came later stand behind the first eight, whose order others rely on.
+    #[test]
+    fn what_the_tracker_knows_of_an_image_is_in_its_row() {
+        let estimate = Estimate {
+            ncc_previous: Some(0.75),
+            ncc_anchor: Some(0.5),
+            brightness_ratio: Some(0.25),
+            tip_level: Some(99.5),
+            iterations: 7,
+            conditioning: Some(0.125),
+            ..Estimate::bare(TrackState::Lost, Reason::NccPrevious, Some([12.5, 3.25]))
+        };
+        let linear = Some([[1.0, -0.5], [0.5, 2.0]]);
+        let nothing = Estimate::bare(TrackState::Searching, Reason::NoCandidate, None);
+        let text = table(&[
+            TrackedImage { estimate, linear, time_us: 41.26 },
+            TrackedImage { estimate: nothing, linear: None, time_us: 1.0 },
+        ]);
+        let lines: Vec<_> = text.lines().collect();
+        assert!(
+            lines[0].starts_with("image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us,reason,")
+        );
+        assert_eq!(
+            lines[1],
+            "0,12.5000,3.2500,lost,0.750000,0.500000,7,41.3,ncc_previous,0.250000,99.500,0.125000,\
+             1.000000,-0.500000,0.500000,2.000000"
+        );
+        assert_eq!(lines[2], "1,,,searching,,,0,1.0,no_candidate,,,,,,,");
+        assert!(lines.iter().all(|line| line.split(',').count() == 16));
     }
 
     #[test]

@@ -337,6 +337,13 @@ impl Tracker {
         self.belief.tip_px
     }
 
+    /// The linear part of the template's warp, row by row: the template's (x, y), centred on the tip, lies at the tip plus
+    /// (uu·x + uv·y, vu·x + vv·y) in the picture. Against T_1 the identity for a translation; that of the last tracked image
+    /// while LOST.
+    pub fn linear(&self) -> [[f64; 2]; 2] {
+        self.belief.linear
+    }
+
     /// Side S of the square template in pixels.
     pub fn template_px(&self) -> u32 {
         self.settings.template_px
