@@ -290,7 +290,10 @@ def main():
         raise SystemExit(f"no simulator runs in domain {domain.name}")
     wire = Wire(iox2, domain, patience_s=30.0)
     restored = json.loads(wire.restored) if wire.restored else None
-    tracker = BrightestPixel(wire.setup["click_px"], restored)
+    # Null in a run without an operator's click: this tracker then begins in the middle of the picture.
+    geometry = wire.setup["geometry"]
+    click = wire.setup["click_px"] or [geometry["width_px"] / 2, geometry["height_px"] / 2]
+    tracker = BrightestPixel(click, restored)
     feed = wire.setup["servo"]["feed_m_s"]
     wire.announce("brightest-pixel", "0.1")
 

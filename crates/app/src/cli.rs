@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 
 use crate::track_recorded::TrackRecorded;
+use crate::tracker_args::TrackerArgs;
 
 /// Simulation in the loop for robotic ultrasound needle guidance.
 #[derive(Debug, Parser)]
@@ -27,6 +28,17 @@ Examples:
 Exit codes: 0 pass, 1 an expectation failed, 2 bad input, 3 runtime fault.
 Not for clinical use.";
 
+const TRACK_EXAMPLES: &str = "\
+Examples:
+  sonoloop track recording.mha --init 238.1,327.6 --out out/track
+  sonoloop track recording.mha --init 238.1,327.6 --profile paper --similarity ssd --template 31 --update naive
+  sonoloop track folder_of_png --init 238.1,327.6 --guess kalman --pyramid-levels 3
+  sonoloop track recording.mha --init 238.1,327.6 --loss-ncc-anchor 0.6 --loss-brightness-ratio none
+  sonoloop track recording.mha --init localize --warp rigid --weight-sigma-px 6 --out out/found
+  sonoloop track recording.mha --init localize --tracker baseline --out out/baseline
+
+Every option that is left out has its value from the profile. Not for clinical use.";
+
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
@@ -37,7 +49,8 @@ pub enum Command {
     /// The simulator's half: wait for a tracker started elsewhere, then run
     Sim(SimArgs),
     /// The tracker's half (--domain), or the tracker alone on recorded images (SEQUENCE --init U,V)
-    Track(TrackArgs),
+    #[command(after_help = TRACK_EXAMPLES)]
+    Track(Box<TrackArgs>),
     /// Render one image of a phantom as PNG, or an atlas (--gallery)
     Render(RenderArgs),
     /// Check scenarios, phantoms, materials, probes and needles without running them
@@ -146,6 +159,9 @@ pub struct TrackArgs {
     /// The tracker alone.
     #[command(flatten)]
     pub recorded: Option<TrackRecorded>,
+    /// How it tracks.
+    #[command(flatten)]
+    pub settings: TrackerArgs,
 }
 
 /// Arguments of `render`.

@@ -5,9 +5,11 @@
 
 use serde::{Deserialize, Serialize};
 use sonoloop_servo::{Servo, ServoState};
+use sonoloop_tracker::baseline::{BaselineTracker, Localizer};
 use sonoloop_tracker::{Checkpoint, Context, Tracker, snap_to_peak};
-use sonoloop_types::{Acquisition, Command, Estimate, Image, Reason, Setup, TrackState};
+use sonoloop_types::{Acquisition, Command, Estimate, Image, Init, Method, Reason, Setup, TrackState};
 
+use crate::first_fix::{first_fix, insertion_along};
 use crate::null::Null;
 
 /// How far the operator's click may lie beside the tip: three standard deviations of a careful click.
@@ -16,7 +18,7 @@ const CLICK_RADIUS_PX: f64 = 3.5;
 /// Who answers the pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ControllerKind {
-    /// The template tracker.
+    /// The tracker that the set-up asks for.
     Tracker,
     /// A tracker that does not look: see [`Null`].
     Null(Null),
@@ -42,64 +44,116 @@ struct Saved {
 /// Image + measurements → command.
 pub struct Controller {
     setup: Setup,
-    kind: ControllerKind,
-    tracker: Option<Tracker>,
+    eyes: Eyes,
     servo: Servo,
+}
+
+/// Who looks at the pictures.
+enum Eyes {
+    Null(Null),
+    /// Nobody yet: nothing has been clicked on, or found.
+    Waiting,
+    Searching(Box<Localizer>),
+    Template(Box<Tracker>),
+    Baseline(Box<BaselineTracker>),
+}
+
+impl From<ControllerKind> for Eyes {
+    fn from(kind: ControllerKind) -> Self {
+        match kind {
+            ControllerKind::Null(null) => Self::Null(null),
+            ControllerKind::Tracker => Self::Waiting,
+        }
+    }
 }
 
 impl Controller {
     /// A controller that has seen nothing yet.
     pub fn new(setup: Setup, kind: ControllerKind) -> Self {
         let servo = Servo::new(setup.clone());
-        Self { setup, kind, tracker: None, servo }
+        Self { setup, eyes: kind.into(), servo }
     }
 
-    /// A controller that goes on from the bytes of [`Self::checkpoint`]; its tracker begins LOST.
+    /// A controller that goes on from the bytes of [`Self::checkpoint`]; its tracker begins LOST, or SEARCHING where it had
+    /// found nothing yet or keeps no templates.
     pub fn restore(setup: Setup, kind: ControllerKind, bytes: &[u8]) -> Result<Self, RestoreError> {
         let saved: Saved = postcard::from_bytes(bytes)?;
-        let tracker = saved.tracker.map(|c| Tracker::restore(setup.tracker, &c)).transpose()?;
+        let eyes = match saved.tracker {
+            Some(checkpoint) => Eyes::Template(Box::new(Tracker::restore(setup.tracker, &checkpoint)?)),
+            None => kind.into(),
+        };
         let servo = Servo::restore(setup.clone(), saved.servo);
-        Ok(Self { setup, kind, tracker, servo })
+        Ok(Self { setup, eyes, servo })
     }
 
     /// All that a restarted controller needs, as bytes that mean nothing to anybody else.
     pub fn checkpoint(&self) -> Vec<u8> {
-        let saved = Saved {
-            servo: self.servo.state().clone(),
-            tracker: self.tracker.as_ref().map(Tracker::checkpoint),
+        let tracker = match &self.eyes {
+            Eyes::Template(tracker) => Some(tracker.checkpoint()),
+            _ => None,
         };
+        let saved = Saved { servo: self.servo.state().clone(), tracker };
         postcard::to_stdvec(&saved).expect("plain data serialises into memory")
     }
 
     /// The command that answers a picture.
     pub fn answer(&mut self, acquisition: &Acquisition, image: &Image) -> Command {
         let began = std::time::Instant::now();
-        let estimate = match self.kind {
-            ControllerKind::Null(null) => null.estimate(&self.setup, acquisition),
-            ControllerKind::Tracker => self.track(acquisition, image),
-        };
+        let estimate = self.look(acquisition, image);
         let command = self.servo.answer(acquisition, &estimate);
         Command { compute_us: began.elapsed().as_secs_f32() * 1e6, ..command }
     }
 
-    fn track(&mut self, acquisition: &Acquisition, image: &Image) -> Estimate {
-        let Some(tracker) = &mut self.tracker else {
-            // The operator's click is on image 0; a tracker that joins later without a checkpoint has no target.
-            if acquisition.sequence != 0 {
-                return Estimate::bare(TrackState::Searching, Reason::NoCandidate, None);
-            }
-            let tip_px = snap_to_peak(image, self.setup.click_px, CLICK_RADIUS_PX);
-            return match Tracker::new(self.setup.tracker, image, tip_px) {
-                Ok(tracker) => self.tracker.insert(tracker).last_estimate(),
-                Err(_) => Estimate::bare(TrackState::Searching, Reason::OutOfImage, None),
-            };
-        };
+    fn look(&mut self, acquisition: &Acquisition, image: &Image) -> Estimate {
         let guidance = self.servo.guidance(acquisition);
-        let context = Context {
-            motion_px: guidance.motion_px,
-            hold_confirmation: guidance.hold_confirmation,
-            axis_px: guidance.axis_px,
-        };
-        tracker.track(image, &context)
+        if matches!(self.eyes, Eyes::Waiting) {
+            self.begin(guidance.axis_px);
+        }
+        match &mut self.eyes {
+            Eyes::Null(null) => null.estimate(&self.setup, acquisition),
+            Eyes::Baseline(tracker) => tracker.track(image),
+            Eyes::Template(tracker) => {
+                let context = Context {
+                    motion_px: guidance.motion_px,
+                    hold_confirmation: guidance.hold_confirmation,
+                    axis_px: guidance.axis_px,
+                };
+                tracker.track(image, &context)
+            }
+            Eyes::Searching(localizer) => match first_fix(localizer, self.setup.tracker, image) {
+                Some(tracker) => self.follow(tracker),
+                None => Estimate::bare(TrackState::Searching, Reason::NoCandidate, None),
+            },
+            Eyes::Waiting => match self.setup.click_px.filter(|_| acquisition.sequence == 0) {
+                Some(click_px) => {
+                    let tip_px = snap_to_peak(image, click_px, CLICK_RADIUS_PX);
+                    match Tracker::new(self.setup.tracker, image, tip_px) {
+                        Ok(tracker) => self.follow(tracker),
+                        Err(_) => Estimate::bare(TrackState::Searching, Reason::OutOfImage, None),
+                    }
+                }
+                // The operator's click is on image 0; a tracker that joins later without a checkpoint has no target.
+                None => Estimate::bare(TrackState::Searching, Reason::NoCandidate, None),
+            },
+        }
+    }
+
+    /// Whoever needs no click begins; `axis_px` is the needle's nominal direction in the picture.
+    fn begin(&mut self, axis_px: Option<[f64; 2]>) {
+        let insertion = insertion_along(axis_px);
+        match (self.setup.tracker.method, self.setup.tracker.init) {
+            (Method::Baseline, _) => self.eyes = Eyes::Baseline(Box::new(BaselineTracker::new(insertion))),
+            (Method::Template, Init::Localize) => {
+                self.eyes = Eyes::Searching(Box::new(Localizer::new(insertion)));
+            }
+            (Method::Template, Init::Click) => {}
+        }
+    }
+
+    /// What a new tracker says of the image it was made from.
+    fn follow(&mut self, tracker: Tracker) -> Estimate {
+        let estimate = tracker.last_estimate();
+        self.eyes = Eyes::Template(Box::new(tracker));
+        estimate
     }
 }

@@ -11,6 +11,7 @@ pub mod cli;
 pub mod commands;
 pub mod controller;
 pub mod error;
+pub mod first_fix;
 pub mod judge;
 pub mod null;
 pub mod output;
@@ -25,6 +26,7 @@ pub mod sequence;
 pub mod session;
 pub mod steering;
 pub mod track_recorded;
+pub mod tracker_args;
 
 /// Parses the command line, does what it asks, and turns the outcome into the exit code.
 pub fn main() -> ExitCode {

@@ -1,13 +1,13 @@
 //! Three trackers that do not look at the picture. Every scenario must fail them, or it tests nothing.
 
-use sonoloop_types::{Acquisition, Estimate, Reason, Setup, TrackState, View};
+use sonoloop_types::{Acquisition, Estimate, ImageGeometry, Reason, Setup, TrackState, View};
 
 /// Which of the three.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Null {
     /// Computes the tip from measured depth and nominal calibrations.
     DeadReckoning,
-    /// Says TRACKING where the operator clicked, for ever.
+    /// Says TRACKING where the operator clicked (or in the picture's middle), for ever.
     AlwaysTracking,
     /// Says LOST, for ever.
     AlwaysLost,
@@ -33,10 +33,16 @@ impl Null {
                 let tip_px = reckoned_px(setup, acquisition);
                 Estimate::bare(TrackState::Tracking, Reason::Ok, Some(tip_px))
             }
-            Self::AlwaysTracking => Estimate::bare(TrackState::Tracking, Reason::Ok, Some(setup.click_px)),
-            Self::AlwaysLost => Estimate::bare(TrackState::Lost, Reason::NoCandidate, Some(setup.click_px)),
+            Self::AlwaysTracking => Estimate::bare(TrackState::Tracking, Reason::Ok, Some(marked_px(setup))),
+            Self::AlwaysLost => Estimate::bare(TrackState::Lost, Reason::NoCandidate, Some(marked_px(setup))),
         }
     }
+}
+
+/// Where the operator clicked, or the picture's middle where nobody did.
+fn marked_px(setup: &Setup) -> [f64; 2] {
+    let ImageGeometry { width_px, height_px, .. } = setup.geometry;
+    setup.click_px.unwrap_or([width_px, height_px].map(|n| f64::from(n) / 2.0))
 }
 
 /// Pixel of the nominal tip (lateral) or of the nominal needle's cut with the plane (transverse).

@@ -1,26 +1,28 @@
 //! The tracker alone on a recorded sequence: `sonoloop track SEQUENCE --init U,V`.
 
 use std::fmt::Write as _;
-use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use sonoloop_tracker::baseline::{BaselineTracker, Insertion, Localizer};
-use sonoloop_tracker::{Context, Tracker, snap_to_peak};
-use sonoloop_types::{
-    Estimate, Image, Optimisation, Profile, Reason, Similarity, TrackState, TrackerSettings, UpdateStrategy,
-    Warp,
-};
+use sonoloop_tracker::{Context, Tracker, TrackerError};
+use sonoloop_types::{Estimate, Image, Reason, TrackState, TrackerSettings};
 
 use crate::error::AppError;
+use crate::first_fix::first_fix;
+use crate::output::{Stage, Tracked, rgb_png, snake, strip, write_gif};
 use crate::paths::no_file_in_the_way;
+use crate::record::ImageStore;
 use crate::say::say;
 use crate::sequence::Sequence;
 
-/// Name of the table in `--out DIR`.
+/// Names of the files in `--out DIR`.
 const TABLE: &str = "track.csv";
+const GIF: &str = "track.gif";
+const STRIP: &str = "strip.png";
+/// Time between images where the recording does not say.
+const PERIOD_MS: u64 = 40;
 
 /// What to track, and how.
 ///
@@ -37,25 +39,7 @@ pub struct TrackRecorded {
     /// The template tracker, or the authors' earlier method, which localises the needle in every image
     #[arg(long, value_enum, default_value = "template")]
     pub tracker: TrackerArg,
-    /// Set of tracker settings to start from
-    #[arg(long, value_enum, default_value = "robust")]
-    pub profile: ProfileArg,
-    /// Side of the square template in pixels
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(8..=128))]
-    pub template: u32,
-    /// What is minimised: squared differences or conditional variances
-    #[arg(long, value_enum, default_value = "scv")]
-    pub similarity: SimilarityArg,
-    /// Gauss-Newton of first or second order
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=2))]
-    pub order: u8,
-    /// Motion of the template
-    #[arg(long, value_enum, default_value = "translation")]
-    pub warp: WarpArg,
-    /// How the template follows the tip's appearance
-    #[arg(long, value_enum, default_value = "drift-corrected")]
-    pub update: UpdateArg,
-    /// Folder for track.csv
+    /// Folder for track.csv, track.gif (every image with the template's box) and strip.png (a dozen, every loss and recovery)
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
@@ -81,49 +65,6 @@ pub enum TrackerArg {
     Baseline,
 }
 
-/// How far from where a needle is found to end the echo of its tip may be.
-const SNAP_PX: f64 = 5.0;
-
-/// `--profile`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum ProfileArg {
-    /// Narrow weights, brightness test, strict recovery
-    Robust,
-    /// What the paper says
-    Paper,
-}
-
-/// `--similarity`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum SimilarityArg {
-    /// Sum of squared differences
-    Ssd,
-    /// Sum of conditional variances
-    Scv,
-}
-
-/// `--warp`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum WarpArg {
-    /// Two degrees of freedom
-    Translation,
-    /// Three: it turns too
-    Rigid,
-    /// Six
-    Affine,
-}
-
-/// `--update`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum UpdateArg {
-    /// The first template for ever
-    None,
-    /// The last image's patch
-    Naive,
-    /// The last image's patch, held to the first template
-    DriftCorrected,
-}
-
 fn parse_init(text: &str) -> Result<Init, String> {
     if text == "localize" {
         return Ok(Init::Localize);
@@ -136,65 +77,48 @@ fn parse_init(text: &str) -> Result<Init, String> {
     Ok(Init::At([number(u)?, number(v)?]))
 }
 
-impl TrackRecorded {
-    /// The tracker's settings that these arguments ask for.
-    pub fn settings(&self) -> TrackerSettings {
-        let profile = match self.profile {
-            ProfileArg::Robust => Profile::Robust,
-            ProfileArg::Paper => Profile::Paper,
-        };
-        TrackerSettings {
-            similarity: match self.similarity {
-                SimilarityArg::Ssd => Similarity::Ssd,
-                SimilarityArg::Scv => Similarity::Scv,
-            },
-            optimisation: if self.order == 1 { Optimisation::FirstOrder } else { Optimisation::SecondOrder },
-            warp: match self.warp {
-                WarpArg::Translation => Warp::Translation,
-                WarpArg::Rigid => Warp::Rigid,
-                WarpArg::Affine => Warp::Affine,
-            },
-            update: match self.update {
-                UpdateArg::None => UpdateStrategy::None,
-                UpdateArg::Naive => UpdateStrategy::Naive,
-                UpdateArg::DriftCorrected => UpdateStrategy::DriftCorrected,
-            },
-            ..TrackerSettings::profile(profile, self.template)
-        }
-    }
-}
-
 /// One line of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackedImage {
     /// What the tracker said; image 0 is the one with the click.
     pub estimate: Estimate,
-    /// How long it took, wall clock.
+    /// Linear part of the template's warp, row by row; `None` without a template.
+    pub linear: Option<[[f64; 2]; 2]>,
+    /// How long the tracker took, wall clock; reading and drawing are not in it.
     pub time_us: f64,
 }
 
-/// Tracks the sequence, writes `track.csv`, prints a short summary. Bad input leaves nothing behind.
-pub fn run(args: &TrackRecorded) -> Result<(), AppError> {
+/// Tracks the sequence, writes table and pictures, prints a short summary. Bad input leaves nothing behind.
+pub fn run(args: &TrackRecorded, settings: TrackerSettings) -> Result<(), AppError> {
     no_file_in_the_way("--out", args.out.as_deref())?;
-    let rows = track(args)?;
+    let rows = track(args, settings)?;
     if let Some(folder) = &args.out {
-        write_table(folder, &rows)
-            .map_err(|error| AppError::Fault(format!("error: {}: {error}", folder.join(TABLE).display())))?;
+        write_files(folder, args, &rows, settings.template_px)?;
     }
     say(summary(&rows).trim_end());
     Ok(())
 }
 
 /// Tracks the whole sequence in memory.
-pub fn track(args: &TrackRecorded) -> Result<Vec<TrackedImage>, AppError> {
+pub fn track(args: &TrackRecorded, settings: TrackerSettings) -> Result<Vec<TrackedImage>, AppError> {
     let bad = |error: &dyn std::fmt::Display| AppError::BadInput(format!("error: {error}"));
     let mut sequence = Sequence::open(&args.sequence).map_err(|error| bad(&error))?;
     let mut rows: Vec<TrackedImage> = Vec::with_capacity(sequence.image_count());
     let mut tracker = Begun::new(args)?;
     while let Some(image) = sequence.next_image().map_err(|error| bad(&error))? {
         let start = Instant::now();
-        let estimate = tracker.track(args, &image)?;
-        rows.push(TrackedImage { estimate, time_us: start.elapsed().as_secs_f64() * 1e6 });
+        let estimate = tracker.track(settings, &image).map_err(|(at, error)| {
+            AppError::BadInput(format!(
+                "error: {}: --init {},{} in an image of {} × {} px: {error}",
+                args.sequence.display(),
+                at[0],
+                at[1],
+                image.width_px,
+                image.height_px
+            ))
+        })?;
+        let time_us = start.elapsed().as_secs_f64() * 1e6;
+        rows.push(TrackedImage { estimate, linear: tracker.linear(), time_us });
     }
     Ok(rows)
 }
@@ -223,29 +147,26 @@ impl Begun {
         }
     }
 
-    fn track(&mut self, args: &TrackRecorded, image: &Image) -> Result<Estimate, AppError> {
+    /// Fails where no template fits around the click.
+    fn track(&mut self, settings: TrackerSettings, image: &Image) -> Result<Estimate, (Px, TrackerError)> {
         match self {
             Self::Template(tracker) => Ok(tracker.track(image, &Context::default())),
             Self::Baseline(tracker) => Ok(tracker.track(image)),
-            Self::Clicked([u, v]) => {
-                let made = Tracker::new(args.settings(), image, [*u, *v]).map_err(|error| {
-                    AppError::BadInput(format!(
-                        "error: {}: --init {u},{v} in an image of {} × {} px: {error}",
-                        args.sequence.display(),
-                        image.width_px,
-                        image.height_px
-                    ))
-                })?;
+            Self::Clicked(at) => {
+                let made = Tracker::new(settings, image, *at).map_err(|error| (*at, error))?;
                 Ok(self.begin(made))
             }
             Self::Searching(localizer) => {
-                let found =
-                    localizer.localize(image).map(|needle| snap_to_peak(image, needle.tip_px, SNAP_PX));
-                // A tip that no template fits around is one to look for again.
-                let made = found.and_then(|tip_px| Tracker::new(args.settings(), image, tip_px).ok());
                 let nothing = Estimate::bare(TrackState::Searching, Reason::NoCandidate, None);
-                Ok(made.map_or(nothing, |made| self.begin(made)))
+                Ok(first_fix(localizer, settings, image).map_or(nothing, |made| self.begin(made)))
             }
+        }
+    }
+
+    fn linear(&self) -> Option<[[f64; 2]; 2]> {
+        match self {
+            Self::Template(tracker) => Some(tracker.linear()),
+            _ => None,
         }
     }
 
@@ -256,46 +177,64 @@ impl Begun {
     }
 }
 
-fn write_table(folder: &Path, rows: &[TrackedImage]) -> std::io::Result<()> {
-    fs::create_dir_all(folder)?;
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(table(rows).as_bytes())?;
-    #[cfg(unix)]
-    {
-        // Temporary files are private; a finished one is as readable as any other.
-        use std::os::unix::fs::PermissionsExt;
-        file.as_file().set_permissions(fs::Permissions::from_mode(0o644))?;
+/// The table and the pictures, each whole before any gets its name. The recording is read once more for the pictures, so that
+/// nothing but the tracker runs between two images while it is timed.
+fn write_files(
+    folder: &Path,
+    args: &TrackRecorded,
+    rows: &[TrackedImage],
+    template_px: u32,
+) -> Result<(), AppError> {
+    let mut sequence = Sequence::open(&args.sequence).map_err(AppError::fault)?;
+    let mut pixels = ImageStore::new().map_err(AppError::fault)?;
+    while let Some(image) = sequence.next_image().map_err(AppError::fault)? {
+        pixels.push(&image).map_err(AppError::fault)?;
     }
-    file.persist(folder.join(TABLE))?;
-    Ok(())
+    let tracked = Tracked { rows, pixels: &pixels, template_px, period_ms: period_ms(&sequence) };
+    let stage = Stage::ending_with(folder, TABLE).map_err(AppError::fault)?;
+    write_gif(&stage.path(GIF), &tracked).map_err(AppError::fault)?;
+    let sheet = strip(&tracked).map_err(AppError::fault)?;
+    stage.write(STRIP, rgb_png(&sheet).map_err(AppError::fault)?).map_err(AppError::fault)?;
+    stage.write(TABLE, table(rows)).map_err(AppError::fault)?;
+    stage.publish(&[GIF, STRIP]).map_err(AppError::fault)
 }
+
+/// Mean time between images by the recording's own clock.
+fn period_ms(sequence: &Sequence) -> u64 {
+    let last = sequence.image_count().saturating_sub(1);
+    let span_s = sequence.fields().and_then(|f| Some(f.timestamp_s(last)? - f.timestamp_s(0)?));
+    let period_ms = span_s.map(|span_s| 1000.0 * span_s / last as f64);
+    period_ms.filter(|ms| (1.0..=1000.0).contains(ms)).map_or(PERIOD_MS, |ms| ms.round() as u64)
+}
+
+const COLUMNS: &str = "image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us,\
+    reason,brightness_ratio,tip_level,conditioning,warp_uu,warp_uv,warp_vu,warp_vv";
 
 /// The table as text. A value that the tracker does not have is left empty.
 fn table(rows: &[TrackedImage]) -> String {
-    let mut text = String::from("image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us\n");
+    let mut text = format!("{COLUMNS}\n");
     let number = |value: Option<f64>, digits: usize| value.map_or(String::new(), |v| format!("{v:.digits$}"));
-    for (image, TrackedImage { estimate, time_us }) in rows.iter().enumerate() {
-        let _ = writeln!(
+    for (image, TrackedImage { estimate, linear, time_us }) in rows.iter().enumerate() {
+        let _ = write!(
             text,
-            "{image},{},{},{},{},{},{},{time_us:.1}",
+            "{image},{},{},{},{},{},{},{time_us:.1},{},{},{},{}",
             number(estimate.tip_px.map(|tip| tip[0]), 4),
             number(estimate.tip_px.map(|tip| tip[1]), 4),
-            state_name(estimate.state),
+            snake(&estimate.state),
             number(estimate.ncc_previous, 6),
             number(estimate.ncc_anchor, 6),
             estimate.iterations,
+            snake(&estimate.reason),
+            number(estimate.brightness_ratio, 6),
+            number(estimate.tip_level, 3),
+            number(estimate.conditioning, 6),
         );
+        for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let _ = write!(text, ",{}", number(linear.map(|linear| linear[row][column]), 6));
+        }
+        text.push('\n');
     }
     text
-}
-
-fn state_name(state: TrackState) -> &'static str {
-    match state {
-        TrackState::Searching => "searching",
-        TrackState::Tracking => "tracking",
-        TrackState::Lost => "lost",
-        TrackState::Recovering => "recovering",
-    }
 }
 
 fn summary(rows: &[TrackedImage]) -> String {
@@ -313,22 +252,38 @@ fn summary(rows: &[TrackedImage]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use clap::Parser;
 
     use super::*;
     use crate::sequence::SequenceWriter;
+    use crate::tracker_args::TrackerArgs;
 
     #[derive(Debug, Parser)]
     struct Cli {
         #[command(flatten)]
         recorded: Option<TrackRecorded>,
+        #[command(flatten)]
+        settings: TrackerArgs,
         #[arg(long)]
         domain: Option<String>,
     }
 
-    fn args(sequence: &Path, more: &[&str]) -> TrackRecorded {
+    fn args(sequence: &Path, more: &[&str]) -> (TrackRecorded, TrackerSettings) {
         let start = ["track", sequence.to_str().unwrap()];
-        Cli::try_parse_from(start.iter().chain(more)).unwrap().recorded.unwrap()
+        let cli = Cli::try_parse_from(start.iter().chain(more)).unwrap();
+        (cli.recorded.unwrap(), cli.settings.settings().unwrap())
+    }
+
+    fn track_with(sequence: &Path, more: &[&str]) -> Vec<TrackedImage> {
+        let (recorded, settings) = args(sequence, more);
+        track(&recorded, settings).unwrap()
+    }
+
+    fn run_with(sequence: &Path, more: &[&str]) -> Result<(), AppError> {
+        let (recorded, settings) = args(sequence, more);
+        run(&recorded, settings)
     }
 
     /// A bright blob that moves over a slow texture.
@@ -362,28 +317,12 @@ mod tests {
         for (profile, similarity, order) in
             [("robust", "scv", "2"), ("robust", "ssd", "1"), ("paper", "ssd", "2")]
         {
-            let args = args(
-                &path,
-                &[
-                    "--init",
-                    "40,50",
-                    "--profile",
-                    profile,
-                    "--similarity",
-                    similarity,
-                    "--order",
-                    order,
-                    "--out",
-                ]
-                .iter()
-                .copied()
-                .chain([out.to_str().unwrap()])
-                .collect::<Vec<_>>(),
-            );
-            run(&args).unwrap();
+            let options =
+                ["--init", "40,50", "--profile", profile, "--similarity", similarity, "--order", order];
+            run_with(&path, &[&options[..], &["--out", out.to_str().unwrap()]].concat()).unwrap();
             let text = fs::read_to_string(out.join(TABLE)).unwrap();
             let lines: Vec<&str> = text.lines().collect();
-            assert_eq!(lines[0], "image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us");
+            assert_eq!(lines[0], COLUMNS);
             assert_eq!(lines.len(), 21);
             assert!(lines[1].starts_with("0,40.0000,50.0000,tracking,1.000000,1.000000,0,"), "{}", lines[1]);
             for (k, line) in lines[1..].iter().enumerate() {
@@ -394,7 +333,44 @@ mod tests {
                 assert!((cells[2].parse::<f64>().unwrap() - 50.0 - k as f64).abs() < 1.0, "{line}");
             }
         }
-        assert_eq!(fs::read_dir(&out).unwrap().count(), 1, "no temporary file is left");
+        assert_eq!(fs::read_dir(&out).unwrap().count(), 3, "no temporary file is left");
+        let strip = image::open(out.join(STRIP)).unwrap().into_rgb8();
+        // Twelve cells of 240 × (120 + 22) px in four columns, and the title.
+        assert_eq!(strip.dimensions(), (4 * (240 + 6) + 6, 22 + 3 * (120 + 22 + 6) + 6));
+        let gif = fs::read(out.join(GIF)).unwrap();
+        assert!(gif.starts_with(b"GIF89a"));
+        assert_eq!(gif[6..10], [400_u16.to_le_bytes(), (120_u16 + 22).to_le_bytes()].concat());
+    }
+
+    /// Columns that came later stand behind the first eight, whose order others rely on.
+    #[test]
+    fn what_the_tracker_knows_of_an_image_is_in_its_row() {
+        let estimate = Estimate {
+            ncc_previous: Some(0.75),
+            ncc_anchor: Some(0.5),
+            brightness_ratio: Some(0.25),
+            tip_level: Some(99.5),
+            iterations: 7,
+            conditioning: Some(0.125),
+            ..Estimate::bare(TrackState::Lost, Reason::NccPrevious, Some([12.5, 3.25]))
+        };
+        let linear = Some([[1.0, -0.5], [0.5, 2.0]]);
+        let nothing = Estimate::bare(TrackState::Searching, Reason::NoCandidate, None);
+        let text = table(&[
+            TrackedImage { estimate, linear, time_us: 41.26 },
+            TrackedImage { estimate: nothing, linear: None, time_us: 1.0 },
+        ]);
+        let lines: Vec<_> = text.lines().collect();
+        assert!(
+            lines[0].starts_with("image,u_px,v_px,state,ncc_previous,ncc_anchor,iterations,time_us,reason,")
+        );
+        assert_eq!(
+            lines[1],
+            "0,12.5000,3.2500,lost,0.750000,0.500000,7,41.3,ncc_previous,0.250000,99.500,0.125000,\
+             1.000000,-0.500000,0.500000,2.000000"
+        );
+        assert_eq!(lines[2], "1,,,searching,,,0,1.0,no_candidate,,,,,,,");
+        assert!(lines.iter().all(|line| line.split(',').count() == 16));
     }
 
     #[test]
@@ -420,7 +396,7 @@ mod tests {
         }
         writer.finish().unwrap();
         for tracker in ["template", "baseline"] {
-            let rows = track(&args(&path, &["--init", "localize", "--tracker", tracker])).unwrap();
+            let rows = track_with(&path, &["--init", "localize", "--tracker", tracker]);
             for (k, TrackedImage { estimate, .. }) in rows.iter().enumerate() {
                 if k < 3 {
                     assert_eq!(estimate.state, TrackState::Searching, "{tracker}, image {k}");
@@ -432,7 +408,7 @@ mod tests {
                 assert!(off < 6.0, "{tracker}, image {k}: {off} px off");
             }
         }
-        let error = run(&args(&path, &["--init", "40,50", "--tracker", "baseline"])).unwrap_err();
+        let error = run_with(&path, &["--init", "40,50", "--tracker", "baseline"]).unwrap_err();
         assert!(error.to_string().contains("--init localize"), "{error}");
     }
 
@@ -442,8 +418,7 @@ mod tests {
         let out = folder.path().join("out");
         let path = sequence(folder.path());
         let refused = |path: &Path, more: &[&str], expected: &str| {
-            let args = args(path, &[more, &["--out", out.to_str().unwrap()]].concat());
-            let error = run(&args).unwrap_err();
+            let error = run_with(path, &[more, &["--out", out.to_str().unwrap()]].concat()).unwrap_err();
             assert!(matches!(error, AppError::BadInput(_)));
             let message = error.to_string();
             assert!(message.contains(expected) && !message.contains('\n'), "{message}");
@@ -469,7 +444,8 @@ mod tests {
             &["track", "a.mha", "--init", "1;2"],
             &["track", "a.mha", "--init", "1,x"],
             &["track", "a.mha", "--init", "1,NaN"],
-            &["track", "a.mha", "--init", "1,2", "--template", "4"],
+            &["track", "--domain", "d", "--template", "31"],
+            &["track", "--domain", "d", "--profile", "paper"],
             &["track", "a.mha", "--init", "1,2", "--order", "3"],
             &["track", "a.mha", "--init", "1,2", "--warp", "bicubic"],
         ] {
@@ -508,8 +484,8 @@ mod tests {
                 let at = |points: &[f64]| [points[2 * wire], points[2 * wire + 1]];
                 let [u, v] = at(&truth[0].1);
                 let init = format!("{u},{v}");
-                let args = args(&data.join("wires.igs.mha"), &["--init", &init, "--similarity", similarity]);
-                let rows = track(&args).unwrap();
+                let rows =
+                    track_with(&data.join("wires.igs.mha"), &["--init", &init, "--similarity", similarity]);
                 let mut errors: Vec<f64> = truth[1..]
                     .iter()
                     .map(|(image, points)| {

@@ -474,6 +474,15 @@ fn bad_overrides_are_told_with_their_origin() {
         ("servo.elevatoin_gain=1", &["servo.elevatoin_gain", "unknown field", "from --set"]),
         ("insertion.angle_deg=steep", &["insertion.angle_deg = \"steep\"", "from --set"]),
         ("tracker.template_px=20.5", &["tracker.template_px = 20.5", "from --set"]),
+        ("tracker.blur_sigma_px=9", &["tracker.blur_sigma_px = 9", "at most 8", "from --set"]),
+        (
+            "tracker.weight_sigma_px=0.5",
+            &["tracker.weight_sigma_px = 0.5", "must be 0, or at least 1", "from --set"],
+        ),
+        ("tracker.pyramid_levels=4", &["tracker.pyramid_levels = 4", "at most 3", "from --set"]),
+        ("tracker.guess=lucky", &["tracker.guess = \"lucky\"", "constant_velocity", "kalman", "from --set"]),
+        ("tracker.init=hover", &["tracker.init = \"hover\"", "click", "localize", "from --set"]),
+        ("tracker.method=magic", &["tracker.method = \"magic\"", "template", "baseline", "from --set"]),
         ("insertion.angle_deg=.nan", &["insertion.angle_deg = NaN", "finite", "from --set"]),
         ("disturbances.0.probe_knock.elevation_mm=25", &["elevation_mm = 25", "at most 20", "from --set"]),
         ("disturbances.3.at_s=1", &["--set disturbances.3.at_s=1", "index below 1"]),
@@ -492,6 +501,23 @@ fn bad_overrides_are_told_with_their_origin() {
             assert!(message.contains(part), "--set {set}: {message} lacks {part:?}");
         }
         assert!(message.contains("lateral_recovery.yaml"), "{message}");
+    }
+}
+
+/// What looks for a line finds none in a transverse view.
+#[test]
+fn a_needle_across_the_picture_is_not_localised() {
+    let path = common::root().join("scenarios/transverse_plain.yaml");
+    for (set, says) in [
+        ("tracker.init=localize", "tracker.init = \"localize\": must be \"click\": it looks for a line"),
+        (
+            "tracker.method=baseline",
+            "tracker.method = \"baseline\": must be \"template\": it looks for a line",
+        ),
+    ] {
+        let options = LoadOptions { set: vec![set.to_owned()], ..LoadOptions::default() };
+        let message = one_line(&load(&path, &options).unwrap_err());
+        assert!(message.contains(says), "{message}");
     }
 }
 

@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 use sonoloop_scenario::{
     Bound, DisturbanceKind, FileKind, LoadOptions, METRICS, Scenario, load, load_text, schema,
 };
+use sonoloop_types::{Guess, Init, Method};
 
 fn with_seed(seed: u64) -> LoadOptions {
     LoadOptions { seed: Some(seed), ..LoadOptions::default() }
@@ -128,6 +129,12 @@ fn a_profile_gives_way_to_single_settings() {
         ..LoadOptions::default()
     };
     assert_eq!(recovery(&set).tracker.recovery_ncc, 0.9);
+    assert_eq!((base.guess, paper.guess), (Guess::Insertion, Guess::None));
+    assert_eq!((base.method, base.init, base.pyramid_levels), (Method::Template, Init::Click, 1));
+    assert_eq!(recovery(&with_set("tracker.guess=constant_velocity")).tracker.guess, Guess::ConstantVelocity);
+    assert_eq!(recovery(&with_set("tracker.pyramid_levels=3")).tracker.pyramid_levels, 3);
+    assert_eq!(recovery(&with_set("tracker.method=baseline")).tracker.method, Method::Baseline);
+    assert_eq!(recovery(&with_set("tracker.init=localize")).tracker.init, Init::Localize);
     assert_eq!(recovery(&with_set("servo.elevation_gain=0.8")).servo.elevation_gain_per_s, 0.8);
 }
 

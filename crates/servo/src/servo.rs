@@ -193,8 +193,9 @@ impl Servo {
 
     /// The last believed tip, probe frame.
     fn lost_tip_in_probe(&self) -> Point {
-        let px = self.state.last.map_or(self.setup.click_px, |last| last.tip_px);
-        self.setup.geometry.probe_from_px(px)
+        // Before there is any, nothing moves that could depend on it.
+        let px = self.state.last.map(|last| last.tip_px).or(self.setup.click_px);
+        self.setup.geometry.probe_from_px(px.unwrap_or_default())
     }
 
     fn change_mode(&mut self, time_s: f64, estimate: &Estimate) {
@@ -345,7 +346,7 @@ pub(crate) mod tests {
             entry_in_base: Point::new(-0.03, 0.0, 0.0),
             needle_axis_in_base: Vector::new(0.6, 0.0, 0.8),
             target_in_base: Point::new(0.0, 0.0, 0.04),
-            click_px: [320.0, 200.0],
+            click_px: Some([320.0, 200.0]),
             limits: Limits {
                 max_feed_m_s: 12e-3,
                 max_probe_speed_m_s: 30e-3,

@@ -40,7 +40,8 @@ impl Weights {
     pub fn new(side: usize, sigma_px: f64) -> Self {
         let window = Window { side };
         let reach = REACH_SIGMAS * sigma_px;
-        let first = if sigma_px == 0.0 { 0.0 } else { libm::ceil(window.half_px() - reach).max(0.0) } as usize;
+        let first =
+            if sigma_px == 0.0 { 0.0 } else { libm::ceil(window.half_px() - reach).max(0.0) } as usize;
         let part = Part { first, end: side - first };
         let axis = axis_weights(side, sigma_px);
         let mut whole = vec![0.0; window.len()];

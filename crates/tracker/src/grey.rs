@@ -83,7 +83,11 @@ mod tests {
         let level = |k: u32| 20 + (k.wrapping_mul(2_654_435_761) >> 8) % 200;
         let image = Image::from_pixels(640, 480, (0..640 * 480).map(|k| level(k) as u8).collect()).unwrap();
         // The standard error of a median of 9600 is 200/(2·√9600) = 1.
-        assert!((lit_median(Instructions::widest(), &image).unwrap() - 119.5).abs() < 3.0, "{:?}", lit_median(Instructions::widest(), &image));
+        assert!(
+            (lit_median(Instructions::widest(), &image).unwrap() - 119.5).abs() < 3.0,
+            "{:?}",
+            lit_median(Instructions::widest(), &image)
+        );
     }
 
     #[test]

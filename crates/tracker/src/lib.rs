@@ -9,6 +9,9 @@
 //! ([`Warp`](sonoloop_types::Warp)). Steps are composed in the template's coordinates, a ← a ∘ (I + Δ), where its gradients
 //! are known; the paper's "accumulating Δp" is the same for small translations only. The tip is the template's middle.
 //!
+//! The optimiser starts from a guess ([`Guess`](sonoloop_types::Guess)), which coarser resolutions may improve where the tip
+//! moves by more than some 3 px per image (`pyramid_levels`). Neither reaches the measurement.
+//!
 //! Symbols: `T_1` the first template, the *anchor*; `T_n` the *previous* template; `S` the side of both in pixels;
 //! `P` the patch of the current image under the template; `w` the Gaussian weight about the tip; `Δ` the change of
 //! the whole image's median grey level since a template was taken.
@@ -51,5 +54,6 @@ mod window;
 
 pub use checkpoint::{Checkpoint, SavedTemplate};
 pub use error::TrackerError;
+pub use settings::check_settings;
 pub use snap::snap_to_peak;
 pub use tracker::{Context, Tracker};

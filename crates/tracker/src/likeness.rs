@@ -40,7 +40,8 @@ impl Moments {
         }
         let (mean_a, mean_b) = (sum_a / weight, sum_b / weight);
         let means = [mean_a as f32, mean_b as f32];
-        let [var_a, var_b, cov] = squares(instructions, window, part, weights, a, b, means).map(|s| s / weight);
+        let [var_a, var_b, cov] =
+            squares(instructions, window, part, weights, a, b, means).map(|s| s / weight);
         Some(Self { mean_a, mean_b, var_a, var_b, cov })
     }
 

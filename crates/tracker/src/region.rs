@@ -79,7 +79,14 @@ impl Region {
 
     /// Fills the region with the blurred square of half-side `reach` about the middle of a larger, unblurred one; as
     /// [`fill_about`](Self::fill_about) would.
-    pub fn blur(&mut self, instructions: Instructions, sharp: &Self, taps: &[f32], centre_px: [f64; 2], reach: usize) {
+    pub fn blur(
+        &mut self,
+        instructions: Instructions,
+        sharp: &Self,
+        taps: &[f32],
+        centre_px: [f64; 2],
+        reach: usize,
+    ) {
         let radius = taps.len() / 2;
         self.begin(square(centre_px, reach), [2 * reach + 1; 2], sharp.picture);
         let [width, height] = self.size;
@@ -172,7 +179,8 @@ impl Region {
     fn inside_warped(&self, place: &Placement, side: usize) -> Inside {
         let half = (side as f64 - 1.0) / 2.0;
         let corners = [[-half, -half], [half, -half], [-half, half], [half, half]];
-        let is_within = |at: [f64; 2]| [0, 1].iter().all(|&k| at[k] >= 0.0 && at[k] <= self.picture[k] as f64 - 1.0);
+        let is_within =
+            |at: [f64; 2]| [0, 1].iter().all(|&k| at[k] >= 0.0 && at[k] <= self.picture[k] as f64 - 1.0);
         if corners.iter().all(|corner| is_within(place.map(*corner))) {
             return Inside::all(side);
         }
@@ -214,7 +222,15 @@ fn whole(value: f64) -> i64 {
     libm::round(value).clamp(-1e9, 1e9) as i64
 }
 
-fn read_line(instructions: Instructions, image: &Image, scale: usize, picture: [usize; 2], first: i64, v: i64, line: &mut [f32]) {
+fn read_line(
+    instructions: Instructions,
+    image: &Image,
+    scale: usize,
+    picture: [usize; 2],
+    first: i64,
+    v: i64,
+    line: &mut [f32],
+) {
     let v = v.clamp(0, picture[1] as i64 - 1) as usize;
     let last = picture[0] as i64 - 1;
     if scale == 1 {

@@ -171,8 +171,11 @@ mod tests {
         // 10 where the template is dark, 90 where it is bright, and noise about both that averages out.
         let template: Vec<f32> = (0..22 * 22).map(|k| if k % 3 == 0 { 200.0 } else { 50.0 }).collect();
         let noise = |k: usize| [4.0, -4.0][k / 3 % 2];
-        let image: Vec<f32> =
-            template.iter().enumerate().map(|(k, t)| if *t > 100.0 { 90.0 } else { 10.0 } + noise(k)).collect();
+        let image: Vec<f32> = template
+            .iter()
+            .enumerate()
+            .map(|(k, t)| if *t > 100.0 { 90.0 } else { 10.0 } + noise(k))
+            .collect();
         let inner = |k: usize| (1..21).contains(&(k % 22)) && (1..21).contains(&(k / 22));
         let mean = |bright: bool| {
             let of = |k: &usize| inner(*k) && (template[*k] > 100.0) == bright;

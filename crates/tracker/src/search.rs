@@ -117,7 +117,14 @@ impl Search {
     /// Makes every buffer as large as a search of the whole picture will need.
     fn reserve(&mut self, picture: [usize; 2]) {
         let [width, height] = picture.map(|n| n / self.scale);
-        self.region.fill(self.instructions, &Image::black(1, 1), &self.taps, 1, [0, 0], [width.max(1), height.max(1)]);
+        self.region.fill(
+            self.instructions,
+            &Image::black(1, 1),
+            &self.taps,
+            1,
+            [0, 0],
+            [width.max(1), height.max(1)],
+        );
         self.map.resize(width * height, 0.0);
         self.columns.iter_mut().chain(&mut self.sums).for_each(|buffer| buffer.resize(width, 0.0));
     }
@@ -199,7 +206,8 @@ impl Search {
                     map.fill(-1.0);
                     continue;
                 }
-                let product = block_products(self.instructions, &self.kernel, self.side, &rows[block * BLOCK..], width);
+                let product =
+                    block_products(self.instructions, &self.kernel, self.side, &rows[block * BLOCK..], width);
                 for ((ncc, product), &energy) in map.iter_mut().zip(product).zip(energy) {
                     *ncc = score(product, energy);
                 }
@@ -275,7 +283,8 @@ mod tests {
         let noise = Image::from_pixels(160, 120, (0..160 * 120).map(|_| noise()).collect()).unwrap();
         let mut smooth = Region::default();
         smooth.fill(Instructions::widest(), &noise, &blur_taps(2.0), 1, [0, 0], [160, 120]);
-        let stretched = smooth.grey[..160 * 120].iter().map(|grey| (5.0 * (grey - 127.5) + 127.5) as u8).collect();
+        let stretched =
+            smooth.grey[..160 * 120].iter().map(|grey| (5.0 * (grey - 127.5) + 127.5) as u8).collect();
         Image::from_pixels(160, 120, stretched).unwrap()
     }
 
@@ -296,8 +305,13 @@ mod tests {
         for side in [20, 21, 33, 61] {
             for weight_sigma_px in [0.0, 3.0] {
                 for centre_px in [[60.5, 40.5], [90.0, 70.0], [47.3, 81.8]] {
-                    let mut search =
-                        Search::new(Instructions::widest(), &cut(&image, centre_px, side), 1.5, weight_sigma_px, [160, 120]);
+                    let mut search = Search::new(
+                        Instructions::widest(),
+                        &cut(&image, centre_px, side),
+                        1.5,
+                        weight_sigma_px,
+                        [160, 120],
+                    );
                     let slack = search.scale as f64;
                     for about in [None, Some(([centre_px[0] + 9.0, centre_px[1] - 8.0], 15.0))] {
                         let [u, v] = search.peaks(&image, about)[0].unwrap();
@@ -357,7 +371,8 @@ mod tests {
     #[test]
     fn nothing_is_found_where_the_template_does_not_fit() {
         let image = picture();
-        let mut search = Search::new(Instructions::widest(), &cut(&image, [60.0, 40.0], 20), 1.5, 3.0, [160, 120]);
+        let mut search =
+            Search::new(Instructions::widest(), &cut(&image, [60.0, 40.0], 20), 1.5, 3.0, [160, 120]);
         assert_eq!(search.peaks(&Image::black(5, 5), None), [None; PEAKS]);
         assert_eq!(search.peaks(&Image::black(160, 120), None), [None; PEAKS]);
         assert_eq!(search.peaks(&image, Some(([-500.0, 40.0], 20.0))), [None; PEAKS]);

@@ -215,7 +215,9 @@ mod tests {
             let all = Instructions::available();
             let sums = all.iter().map(|set| affine_sums(*set, &comparison)).collect::<Vec<_>>();
             let moved = all.iter().map(|set| translation_sums(*set, &comparison)).collect::<Vec<_>>();
-            assert!(sums.iter().all(|other| *other == sums[0]) && moved.iter().all(|other| *other == moved[0]));
+            assert!(
+                sums.iter().all(|other| *other == sums[0]) && moved.iter().all(|other| *other == moved[0])
+            );
             assert!(close(sums[0].weight, exact.weight) && close(sums[0].squares, exact.squares));
             for (a, b) in sums[0].gradients.as_flattened().iter().zip(exact.gradients.as_flattened()) {
                 assert!(close(*a, *b), "{a} {b}");

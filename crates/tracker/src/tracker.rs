@@ -8,13 +8,13 @@ use crate::guess::Guesser;
 use crate::hysteresis::{Hysteresis, View};
 use crate::likeness::Moments;
 use crate::pyramid::Pyramid;
-use crate::region::Region;
 use crate::refine::Refinement;
+use crate::region::Region;
 use crate::register::Registrar;
 use crate::search::Search;
 use crate::template::Template;
 use crate::warp::{Placement, UPRIGHT};
-use crate::{Checkpoint, SavedTemplate, TrackerError, settings};
+use crate::{Checkpoint, SavedTemplate, TrackerError, check_settings};
 
 /// A measured motion beyond this is not one of an ultrasound picture.
 const MAX_MOTION_PX: f64 = 1e4;
@@ -84,7 +84,7 @@ impl Tracker {
     /// `tip_px` is (u, v) in pixels from the centre of the top-left one. Refuses settings outside their bounds, a
     /// tip with under half of its template inside the image, and a tip without texture.
     pub fn new(settings: TrackerSettings, image: &Image, tip_px: [f64; 2]) -> Result<Self, TrackerError> {
-        settings::check(&settings)?;
+        check_settings(&settings)?;
         let (width_px, height_px) = (image.width_px, image.height_px);
         if !is_sound(image) {
             return Err(TrackerError::Image { width_px, height_px, pixels: image.pixels.len() });
@@ -95,8 +95,13 @@ impl Tracker {
         }
         let side = template_px as usize;
         let picture_px = [width_px, height_px];
-        let mut tracker =
-            Self::assemble(settings, [(); 2].map(|()| Template::blank(side)), picture_px, tip_px, TrackState::Tracking);
+        let mut tracker = Self::assemble(
+            settings,
+            [(); 2].map(|()| Template::blank(side)),
+            picture_px,
+            tip_px,
+            TrackState::Tracking,
+        );
 
         let within = |c: f64, size: u32| c >= -0.5 && c <= f64::from(size) - 0.5;
         if !(within(tip_px[0], width_px) && within(tip_px[1], height_px)) {
@@ -126,7 +131,7 @@ impl Tracker {
     /// Goes on from a checkpoint: LOST with [`Reason::Restarted`], searching about the last tip, and TRACKING only
     /// after a fresh confirmation. Refuses a checkpoint that does not fit `settings` or holds impossible values.
     pub fn restore(settings: TrackerSettings, checkpoint: &Checkpoint) -> Result<Self, TrackerError> {
-        settings::check(&settings)?;
+        check_settings(&settings)?;
         let [anchor, previous, sharp] = checkpoint.templates(&settings)?;
         let templates = [anchor, previous];
         let (picture_px, tip_px) = (checkpoint.picture_px, checkpoint.tip_px);
@@ -406,6 +411,13 @@ impl Tracker {
     /// Tip (u, v) in pixels: the estimate, or the last believed one while LOST or RECOVERING.
     pub fn tip_px(&self) -> [f64; 2] {
         self.belief.tip_px
+    }
+
+    /// The linear part of the template's warp, row by row: the template's (x, y), centred on the tip, lies at the tip plus
+    /// (uu·x + uv·y, vu·x + vv·y) in the picture. Against T_1 the identity for a translation; that of the last tracked image
+    /// while LOST.
+    pub fn linear(&self) -> [[f64; 2]; 2] {
+        self.belief.linear
     }
 
     /// Side S of the square template in pixels.

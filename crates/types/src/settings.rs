@@ -68,11 +68,36 @@ pub enum Guess {
     Insertion,
 }
 
+/// How the needle's tip is found from image to image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Templates: the paper's method and what was made of it.
+    Template,
+    /// The authors' earlier method: the needle is localised in every image, its tip smoothed. It has no first tip, no
+    /// templates and no use for most of the settings.
+    Baseline,
+}
+
+/// Where the first tip of the template method comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Init {
+    /// The operator's click in the first image.
+    Click,
+    /// The end of a needle that is found in the picture; until there is one, the search goes on.
+    Localize,
+}
+
 /// Every setting of the tracker.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TrackerSettings {
     /// The profile the other values came from.
     pub profile: Profile,
+    /// Which kind of tracker there is to be.
+    pub method: Method,
+    /// Where its first tip comes from.
+    pub init: Init,
     /// What is minimised.
     pub similarity: Similarity,
     /// Which Jacobian.
@@ -122,6 +147,8 @@ impl TrackerSettings {
     pub fn profile(profile: Profile, template_px: u32) -> Self {
         let robust = Self {
             profile,
+            method: Method::Template,
+            init: Init::Click,
             similarity: Similarity::Scv,
             optimisation: Optimisation::SecondOrder,
             warp: Warp::Translation,

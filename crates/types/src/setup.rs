@@ -42,8 +42,8 @@ pub struct Setup {
     pub needle_axis_in_base: Vector,
     /// The target as the operator marked it in the picture, base frame.
     pub target_in_base: Point,
-    /// The operator's click on the tip in image 0, about 1 px off.
-    pub click_px: [f64; 2],
+    /// The operator's click on the tip in image 0, about 1 px off; `None` where the tracker is to find the tip itself.
+    pub click_px: Option<[f64; 2]>,
     /// Bounds of commands.
     pub limits: Limits,
     /// How to track.

@@ -88,6 +88,6 @@ mod splat;
 mod stamp;
 mod tape;
 
-pub use sonoloop_simd::Instructions;
-use sonoloop_simd as instructions;
 pub use renderer::{Field, Renderer};
+use sonoloop_simd as instructions;
+pub use sonoloop_simd::Instructions;

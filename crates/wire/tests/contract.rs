@@ -224,7 +224,7 @@ fn conformance_of_the_python_tracker() {
     // A run id that only 64-bit integers hold.
     let setup = setup(u64::MAX - 1);
     let mut sim = SimEndpoint::create(&domain, &setup).unwrap();
-    let (u0, v0) = (setup.click_px[0].round() as usize, setup.click_px[1].round() as usize);
+    let [u0, v0] = setup.click_px.expect("a click").map(|c| c.round() as usize);
 
     let mut tracker = start(&domain);
     let Wait::Got(hello) = sim.wait_ready(PATIENCE, || alive(&mut tracker)).unwrap() else {

@@ -1,7 +1,7 @@
 //! What does not change during a run, and where it begins.
 
 use sonoloop_scenario::Scenario;
-use sonoloop_types::{Point, Pose, Setup, Tissue, Vector, View};
+use sonoloop_types::{Init, Point, Pose, Setup, Tissue, Vector, View};
 
 use crate::WorldError;
 use crate::arm::{Arm, ArmModel};
@@ -130,7 +130,7 @@ impl Model {
             entry_in_base: self.entry_in_base,
             needle_axis_in_base: self.needle_axis_in_base,
             target_in_base: self.target_in_base,
-            click_px: self.click_px,
+            click_px: (scenario.tracker.init == Init::Click).then_some(self.click_px),
             limits: scenario.limits,
             tracker: scenario.tracker,
             servo: scenario.servo,

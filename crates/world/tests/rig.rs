@@ -6,8 +6,8 @@ mod fixture;
 use fixture::{scenario, slip, transverse};
 use sonoloop_scenario::{Disturbance, DisturbanceKind, Scenario};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, Estimate, EventKind, Point, Pose, Reason, Refusal, TrackState, Vector,
-    View,
+    Acquisition, ArmStatus, Command, Estimate, EventKind, Init, Point, Pose, Reason, Refusal, TrackState,
+    Vector, View,
 };
 use sonoloop_world::{Unreachable, World, WorldError};
 
@@ -134,11 +134,19 @@ fn the_setup_holds_measured_values_not_true_ones() {
         let apart = measured.inverse() * truth.world_from_probe;
         assert!(apart.translation.vector.norm() > 1e-5 && apart.rotation.angle() > 1e-5);
         // The operator's click is about a pixel off, his target mark lies in the picture's plane.
-        let off = [0, 1].map(|i| setup.click_px[i] - truth.reference_px[i]);
+        let click_px = setup.click_px.expect("a click");
+        let off = [0, 1].map(|i| click_px[i] - truth.reference_px[i]);
         assert!(off.iter().all(|d| d.abs() <= 2.0) && off != [0.0, 0.0]);
         let mark = world.acquisition(0).base_from_probe.inverse() * setup.target_in_base;
         assert!(mark.y.abs() < 1e-12);
     }
+}
+
+#[test]
+fn where_the_tracker_finds_the_tip_itself_no_click_is_told() {
+    let mut scenario = scenario();
+    scenario.tracker.init = Init::Localize;
+    assert_eq!(World::new(&scenario).unwrap().setup(7).click_px, None);
 }
 
 #[test]

@@ -22,7 +22,7 @@ pub fn dispatch(command: Command) -> Result<Outcome, AppError> {
         Command::Run(args) => run::run(&args),
         Command::Suite(args) => suite::suite(&args),
         Command::Sim(args) => sim::sim(&args),
-        Command::Track(args) => track::track(args),
+        Command::Track(args) => track::track(&args),
         Command::Render(args) => render::render(&args),
         Command::Check(args) => check::check(&args),
         Command::List(args) => list::list(&args),

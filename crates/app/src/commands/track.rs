@@ -17,9 +17,9 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 const WAIT: Duration = Duration::from_secs(1);
 
 /// Joins a run, or tracks a recording.
-pub fn track(args: TrackArgs) -> Result<Outcome, AppError> {
-    if let Some(recorded) = args.recorded {
-        track_recorded::run(&recorded)?;
+pub fn track(args: &TrackArgs) -> Result<Outcome, AppError> {
+    if let Some(recorded) = &args.recorded {
+        track_recorded::run(recorded, args.settings.settings()?)?;
         return Ok(Outcome::Pass);
     }
     let from_environment = std::env::var_os(sonoloop_wire::DOMAIN_VARIABLE).is_some();

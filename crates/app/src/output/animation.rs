@@ -12,7 +12,6 @@ use image::RgbImage;
 use super::OutputError;
 use super::colour::COLOURS;
 use super::overlay::Scale;
-use super::video::Frames;
 
 /// Greys of the palette. Speckle hides the steps, and 7 instead of 8 bits save a fifth of the file.
 const GREYS: usize = 128 - COLOURS.len();
@@ -23,16 +22,24 @@ const BUDGET_BYTES: usize = 20_000_000;
 /// Browsers slow down what is faster than 50 images per second, and people see no more than this.
 const LEAST_PERIOD_MS: u64 = 80;
 
+/// Pictures that can be drawn one by one, at either size.
+pub(crate) trait Pictures {
+    fn len(&self) -> usize;
+    fn period_ms(&self) -> u64;
+    fn size_px(&self, scale: Scale) -> (u32, u32);
+    fn draw(&self, index: usize, scale: Scale) -> Result<RgbImage, OutputError>;
+}
+
 /// How the picture was thinned out to keep within the budget.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Thinning {
+pub(crate) struct Thinning {
     /// Every how many images one is shown.
     pub stride: usize,
     pub scale: Scale,
 }
 
 /// Writes the animation and says how it was thinned out. Plays in real time.
-pub(super) fn write_gif(path: &Path, frames: &Frames<'_>) -> Result<Thinning, OutputError> {
+pub(crate) fn write_gif(path: &Path, frames: &impl Pictures) -> Result<Thinning, OutputError> {
     let thinning = thinning(frames)?;
     let file = File::create(path).map_err(|source| OutputError::at(path, source))?;
     let writer = BufWriter::new(file);
@@ -43,7 +50,7 @@ pub(super) fn write_gif(path: &Path, frames: &Frames<'_>) -> Result<Thinning, Ou
 }
 
 /// The finest thinning whose file, judged by three sample images, keeps within the budget.
-fn thinning(frames: &Frames<'_>) -> Result<Thinning, OutputError> {
+fn thinning(frames: &impl Pictures) -> Result<Thinning, OutputError> {
     let least = LEAST_PERIOD_MS.div_ceil(frames.period_ms().max(1)).max(1) as usize;
     let last = frames.len().saturating_sub(1);
     for scale in [Scale::Full, Scale::Half] {
@@ -62,7 +69,7 @@ fn thinning(frames: &Frames<'_>) -> Result<Thinning, OutputError> {
 
 fn encode<W: Write>(
     writer: W,
-    frames: &Frames<'_>,
+    frames: &impl Pictures,
     shown: &[usize],
     thinning: Thinning,
 ) -> Result<W, OutputError> {

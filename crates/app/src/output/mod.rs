@@ -14,26 +14,32 @@ mod png;
 mod report;
 mod sequence;
 mod stage;
+mod strip;
 mod summary;
 mod table;
 #[cfg(test)]
 pub(crate) mod test_run;
 #[cfg(test)]
 mod tests;
+mod tracked;
 mod video;
 mod wilson;
 
+pub(crate) use animation::write_gif;
 pub(crate) use csv::snake;
 pub use csv::{events_csv, images_csv};
 pub use error::OutputError;
 pub(crate) use junit::escape_xml;
 pub use junit::{Case, CaseResult, junit_xml};
 pub use overlay::{Display, Scale};
+pub(crate) use png::rgb_png;
 pub use png::write_png;
 pub use sequence::write_sequence;
 pub use stage::Stage;
+pub(crate) use strip::strip;
 pub use summary::{Summary, TimingSummary};
 pub use table::{bound_text, failure_text, metrics_table, value_text, verdict_text};
+pub(crate) use tracked::Tracked;
 pub use video::VideoKind;
 pub use wilson::wilson;
 

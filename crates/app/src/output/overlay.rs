@@ -48,7 +48,7 @@ pub enum Scale {
 }
 
 impl Scale {
-    fn divisor(self) -> i32 {
+    pub(super) fn divisor(self) -> i32 {
         match self {
             Self::Full => 1,
             Self::Half => 2,

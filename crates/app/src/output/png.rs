@@ -2,7 +2,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder};
+use image::{ExtendedColorType, ImageEncoder, ImageError, RgbImage};
 use sonoloop_types::Image;
 
 /// Writes a picture as 8-bit grey PNG; under its name only once it is complete.
@@ -23,6 +23,14 @@ pub fn write_png(path: &Path, image: &Image) -> io::Result<()> {
     }
     file.persist(&absolute)?;
     Ok(())
+}
+
+/// A colour picture as the bytes of a PNG.
+pub(crate) fn rgb_png(picture: &RgbImage) -> Result<Vec<u8>, ImageError> {
+    let mut png = Vec::new();
+    let encoder = PngEncoder::new(&mut png);
+    encoder.write_image(picture, picture.width(), picture.height(), ExtendedColorType::Rgb8)?;
+    Ok(png)
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use image::codecs::jpeg::JpegEncoder;
 use sonoloop_scenario::METRICS;
 use sonoloop_types::TICKS_PER_SECOND;
 
+use super::animation::Pictures as _;
 use super::csv::snake;
 use super::junit::escape_xml as escape;
 use super::keys::key_images;

@@ -169,7 +169,7 @@ fn the_animation_plays_in_real_time() {
     let frames = Frames::new(&recording.images, recording.pixels.as_ref().unwrap(), &display, PERIOD);
     let root = tempfile::tempdir().unwrap();
     let path = root.path().join("video.gif");
-    let thinning = animation::write_gif(&path, &frames).unwrap();
+    let thinning = write_gif(&path, &frames).unwrap();
     assert_eq!((thinning.stride, thinning.scale), (2, Scale::Full));
     let mut decoder = gif::Decoder::new(fs::File::open(&path).unwrap()).unwrap();
     let mut delays_cs = Vec::new();

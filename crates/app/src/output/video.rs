@@ -10,7 +10,7 @@ use image::RgbImage;
 use sonoloop_types::TICKS_PER_SECOND;
 
 use super::OutputError;
-use super::animation::write_gif;
+use super::animation::{Pictures, write_gif};
 use super::overlay::{Display, Scale};
 use super::stage::Stage;
 use crate::record::{ImageRow, ImageStore};
@@ -40,20 +40,22 @@ impl<'a> Frames<'a> {
     ) -> Self {
         Self { rows, pixels, display, period_ticks }
     }
+}
 
-    pub fn len(&self) -> usize {
+impl Pictures for Frames<'_> {
+    fn len(&self) -> usize {
         self.rows.len().min(self.pixels.len())
     }
 
-    pub fn period_ms(&self) -> u64 {
+    fn period_ms(&self) -> u64 {
         self.period_ticks * 1000 / TICKS_PER_SECOND
     }
 
-    pub fn size_px(&self, scale: Scale) -> (u32, u32) {
+    fn size_px(&self, scale: Scale) -> (u32, u32) {
         self.display.size_px(scale)
     }
 
-    pub fn draw(&self, index: usize, scale: Scale) -> Result<RgbImage, OutputError> {
+    fn draw(&self, index: usize, scale: Scale) -> Result<RgbImage, OutputError> {
         let image = self.pixels.get(index).map_err(OutputError::Pictures)?;
         Ok(self.display.draw(&image, &self.rows[index], scale))
     }

@@ -39,6 +39,11 @@ impl ImageStore {
         self.offsets.is_empty()
     }
 
+    /// Columns and rows of picture `index`.
+    pub fn size_px(&self, index: usize) -> Option<(u32, u32)> {
+        self.sizes_px.get(index).copied()
+    }
+
     /// Reads picture `index` back; `InvalidInput` when there is none.
     pub fn get(&self, index: usize) -> io::Result<Image> {
         let (Some(&offset), Some(&(width_px, height_px))) =

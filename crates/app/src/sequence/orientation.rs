@@ -79,6 +79,35 @@ mod tests {
         assert_eq!(turned("NU").pixels, [3, 6, 2, 5, 1, 4]);
     }
 
+    /// A body with a mark at depth 0 on the left (9), and another at the greatest depth beside it (5), stored in each of the eight
+    /// ways: column, then row direction. Lateral order stays as stored, so only depth is turned.
+    #[test]
+    fn truth_all_eight_orientations_of_one_body() {
+        let body = [9, 1, 2, 0, 3, 4, 0, 5, 6, 0, 7, 8];
+        let upright: [u8; 12] = body; // 3 columns × 4 rows of depth
+        let from_below: [u8; 12] = [0, 7, 8, 0, 5, 6, 0, 3, 4, 9, 1, 2];
+        let lying: [u8; 12] = [9, 0, 0, 0, 1, 3, 5, 7, 2, 4, 6, 8]; // 4 columns of depth × 3 rows
+        let lying_from_below: [u8; 12] = [0, 0, 0, 9, 7, 5, 3, 1, 8, 6, 4, 2];
+        for (letters, size_px, stored) in [
+            ("MF", [3, 4], upright),
+            ("UF", [3, 4], upright),
+            ("MN", [3, 4], from_below),
+            ("UN", [3, 4], from_below),
+            ("FM", [4, 3], lying),
+            ("FU", [4, 3], lying),
+            ("NM", [4, 3], lying_from_below),
+            ("NU", [4, 3], lying_from_below),
+        ] {
+            for third in ["", "A", "D"] {
+                let letters = format!("{letters}{third}");
+                let orientation = Orientation::parse("UltrasoundImageOrientation", &letters).unwrap();
+                let image = orientation.turn(size_px, stored.to_vec());
+                assert_eq!((image.width_px, image.height_px), (3, 4), "{letters}");
+                assert_eq!(image.pixels, body, "{letters}");
+            }
+        }
+    }
+
     #[test]
     fn other_letters_are_refused() {
         for letters in ["", "M", "MM", "FN", "XX", "MFQ", "mf", "MFAA"] {

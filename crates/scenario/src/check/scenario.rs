@@ -22,7 +22,7 @@ pub(crate) fn build(document: &Document, library: &Library) -> Result<Scenario, 
     let geometry = &probe.geometry;
     let insertion =
         insertion::insertion(document, &raw.insertion, &phantom, &needle, &needle_robot, geometry)?;
-    let tracker = settings::tracker(&raw.tracker);
+    let tracker = settings::tracker(document, &raw.tracker, raw.view)?;
     let placement =
         insertion::placement(document, &raw.placement, &insertion, tracker.template_px, geometry)?;
     settings::contact_force(document, raw.placement.contact_force_n, &raw.limits)?;

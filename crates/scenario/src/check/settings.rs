@@ -1,23 +1,49 @@
 use sonoloop_types::{
-    Limits, Optimisation, Profile, ServoSettings, Similarity, TrackerSettings, UpdateStrategy, Warp,
+    Guess, Init, Limits, Method, Optimisation, Profile, ServoSettings, Similarity, TrackerSettings,
+    UpdateStrategy, Warp,
 };
 
 use super::units::{m, rad, ticks_of_ms};
 use crate::document::Document;
 use crate::raw::{
-    RawCalibration, RawDelays, RawLimits, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate, RawWarp,
+    RawCalibration, RawDelays, RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawServo, RawSimilarity,
+    RawTracker, RawUpdate, RawView, RawWarp,
 };
 use crate::{CalibrationSpec, DelaySpec, LoadError, NeedleRobotSpec};
 
 /// The profile's values, with what the file says in their place.
-pub(super) fn tracker(raw: &RawTracker) -> TrackerSettings {
+pub(super) fn tracker(
+    document: &Document,
+    raw: &RawTracker,
+    view: RawView,
+) -> Result<TrackerSettings, LoadError> {
+    let sees_a_line = matches!(view, RawView::Lateral);
+    let why = "it looks for a line, and in a transverse view the needle is a spot";
+    if matches!(raw.init, RawInit::Localize) && !sees_a_line {
+        return Err(document.fail("tracker.init", format!("must be \"click\": {why}")));
+    }
+    if matches!(raw.method, RawMethod::Baseline) && !sees_a_line {
+        return Err(document.fail("tracker.method", format!("must be \"template\": {why}")));
+    }
+    if let Some(sigma_px) = raw.weight_sigma_px.filter(|sigma_px| *sigma_px > 0.0 && *sigma_px < 1.0) {
+        // Narrower than this a Gaussian leaves the sums to a handful of pixels.
+        return Err(document.fail_value("tracker.weight_sigma_px", sigma_px, "must be 0, or at least 1"));
+    }
     let profile = match raw.profile {
         RawProfile::Paper => Profile::Paper,
         RawProfile::Robust => Profile::Robust,
     };
     let base = TrackerSettings::profile(profile, raw.template_px);
-    TrackerSettings {
+    Ok(TrackerSettings {
         profile,
+        method: match raw.method {
+            RawMethod::Template => Method::Template,
+            RawMethod::Baseline => Method::Baseline,
+        },
+        init: match raw.init {
+            RawInit::Click => Init::Click,
+            RawInit::Localize => Init::Localize,
+        },
         template_px: raw.template_px,
         similarity: raw.similarity.map_or(base.similarity, |similarity| match similarity {
             RawSimilarity::Ssd => Similarity::Ssd,
@@ -38,12 +64,17 @@ pub(super) fn tracker(raw: &RawTracker) -> TrackerSettings {
             RawUpdate::Naive => UpdateStrategy::Naive,
             RawUpdate::DriftCorrected => UpdateStrategy::DriftCorrected,
         }),
-        refine: base.refine,
-        guess: base.guess,
-        pyramid_levels: base.pyramid_levels,
+        refine: raw.refine.unwrap_or(base.refine),
         scv_bins: raw.scv_bins.unwrap_or(base.scv_bins),
         blur_sigma_px: raw.blur_sigma_px.unwrap_or(base.blur_sigma_px),
         weight_sigma_px: raw.weight_sigma_px.unwrap_or(base.weight_sigma_px),
+        guess: raw.guess.map_or(base.guess, |guess| match guess {
+            RawGuess::None => Guess::None,
+            RawGuess::ConstantVelocity => Guess::ConstantVelocity,
+            RawGuess::Kalman => Guess::Kalman,
+            RawGuess::Insertion => Guess::Insertion,
+        }),
+        pyramid_levels: raw.pyramid_levels.unwrap_or(base.pyramid_levels),
         velocity_memory: raw.velocity_memory.unwrap_or(base.velocity_memory),
         drift_tolerance_px: raw.drift_tolerance_px.unwrap_or(base.drift_tolerance_px),
         max_iterations: raw.max_iterations.unwrap_or(base.max_iterations),
@@ -54,7 +85,7 @@ pub(super) fn tracker(raw: &RawTracker) -> TrackerSettings {
         recovery_ncc: raw.recovery_ncc.unwrap_or(base.recovery_ncc),
         confirmation_images: raw.confirmation_images.unwrap_or(base.confirmation_images),
         whole_image_after: raw.whole_image_after.unwrap_or(base.whole_image_after),
-    }
+    })
 }
 
 /// Bounds of commands; the needle robot's own bound holds as well.

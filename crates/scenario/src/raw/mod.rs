@@ -16,5 +16,8 @@ pub(crate) use phantom::{RawInclusion, RawMaterial, RawMaterials, RawPhantom};
 pub(crate) use probe::{RawPrecision, RawProbe};
 pub(crate) use robot::{RawNeedleRobot, RawOpw, RawPose, RawRobot};
 pub(crate) use scenario::{RawCalibration, RawDelays, RawInsertion, RawPlacement, RawScenario, RawView};
-pub(crate) use settings::{RawLimits, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate, RawWarp};
+pub(crate) use settings::{
+    RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate,
+    RawWarp,
+};
 pub(crate) use timeline::{RawBound, RawDisturbance, RawKnock, RawNormal, RawRandomize};

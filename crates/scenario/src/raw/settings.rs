@@ -37,6 +37,42 @@ pub(crate) enum RawUpdate {
     DriftCorrected,
 }
 
+/// How the tip is found from image to image.
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawMethod {
+    /// Templates.
+    #[default]
+    Template,
+    /// The authors' earlier method: the needle is localised in every image. It has no use for `init` and the other settings.
+    Baseline,
+}
+
+/// Where the first tip comes from.
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawInit {
+    /// The operator clicks on it in the first image.
+    #[default]
+    Click,
+    /// The tracker looks for a needle until there is one; lateral view only.
+    Localize,
+}
+
+/// Where the optimiser starts in the next image.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawGuess {
+    /// Where the tip was.
+    None,
+    /// On by its smoothed velocity.
+    ConstantVelocity,
+    /// Where a Kalman filter predicts it.
+    Kalman,
+    /// On by the measured motion of needle and arm; by the smoothed velocity where there is none.
+    Insertion,
+}
+
 /// The tracker: a profile, and any value of it that is to differ.
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
@@ -44,6 +80,10 @@ pub(crate) enum RawUpdate {
 pub(crate) struct RawTracker {
     /// The profile that all other values come from.
     pub profile: RawProfile,
+    /// How the tip is found from image to image.
+    pub method: RawMethod,
+    /// Where the first tip comes from.
+    pub init: RawInit,
     /// Side of the square template.
     #[garde(range(min = 8, max = 128))]
     pub template_px: u32,
@@ -60,14 +100,21 @@ pub(crate) struct RawTracker {
     #[garde(range(min = 2, max = 256))]
     pub scv_bins: Option<u32>,
     /// Gaussian blur before anything else, σ; 0 is none.
-    #[garde(range(min = 0.0, max = 10.0))]
+    #[garde(range(min = 0.0, max = 8.0))]
     pub blur_sigma_px: Option<f64>,
-    /// Gaussian weight about the tip, σ; 0 is uniform.
+    /// Gaussian weight about the tip, σ; 0 is uniform, else at least 1.
     #[garde(range(min = 0.0, max = 64.0))]
     pub weight_sigma_px: Option<f64>,
-    /// Share of the last velocity kept in the constant-velocity guess; 1 makes no guess.
+    /// A second, unblurred and unweighted registration where the surroundings move with the tip.
+    pub refine: Option<bool>,
+    /// Where the optimiser starts in the next image.
+    pub guess: Option<RawGuess>,
+    /// Share of the last velocity that the smoothed velocity of the guess keeps.
     #[garde(range(min = 0.0, max = 1.0))]
     pub velocity_memory: Option<f64>,
+    /// Resolutions at which a motion is registered: 1 is the full one, 2 begins at a half, 3 at a quarter.
+    #[garde(range(min = 1, max = 3))]
+    pub pyramid_levels: Option<u32>,
     /// Largest corner distance of the two registrations that accepts an update.
     #[garde(range(min = 0.0, max = 50.0))]
     pub drift_tolerance_px: Option<f64>,
@@ -85,8 +132,8 @@ pub(crate) struct RawTracker {
     pub loss_ncc_anchor: Option<f64>,
     /// Lost above this brightness ratio; null turns the test off.
     #[serde(deserialize_with = "nullable")]
-    #[schemars(with = "Option<f64>")]
-    #[garde(inner(range(min = 0.0, max = 10.0)))]
+    #[schemars(with = "Option<f64>", range(min = 0.01, max = 10.0))]
+    #[garde(inner(range(min = 0.01, max = 10.0)))]
     pub loss_brightness_ratio: Option<Option<f64>>,
     /// NCC with the first template that a recovery needs.
     #[garde(range(min = -1.0, max = 1.0))]
@@ -108,6 +155,8 @@ impl Default for RawTracker {
     fn default() -> Self {
         Self {
             profile: RawProfile::Robust,
+            method: RawMethod::Template,
+            init: RawInit::Click,
             template_px: 20,
             similarity: None,
             order: None,
@@ -116,7 +165,10 @@ impl Default for RawTracker {
             scv_bins: None,
             blur_sigma_px: None,
             weight_sigma_px: None,
+            refine: None,
+            guess: None,
             velocity_memory: None,
+            pyramid_levels: None,
             drift_tolerance_px: None,
             max_iterations: None,
             epsilon_px: None,

@@ -33,7 +33,7 @@ pub fn setup(run_id: u64) -> Setup {
         entry_in_base: Point::new(0.5, 0.1, 0.2),
         needle_axis_in_base: Vector::new(0.6, 0.0, -0.8),
         target_in_base: Point::new(0.56, 0.1, 0.12),
-        click_px: [300.25, 120.75],
+        click_px: Some([300.25, 120.75]),
         limits: Limits {
             max_feed_m_s: 0.02,
             max_probe_speed_m_s: 0.05,
