@@ -4,7 +4,7 @@ use sonoloop_simd::{Instructions, wide};
 use sonoloop_types::Image;
 
 use crate::warp::Placement;
-use crate::window::{LANES, Lanes, Part, Window};
+use crate::window::{LANES, Lanes, Part, WHOLE, Window};
 
 /// Values after the last row: a vector that begins inside may end beyond it.
 const SLACK: usize = 2 * LANES;
@@ -61,9 +61,15 @@ impl Region {
         self.begin(origin, size, [image.width_px as usize / scale, image.height_px as usize / scale]);
         let [width, height] = self.size;
         let first = [origin[0] - radius as i64, origin[1] - radius as i64];
+        if radius == 0 && scale == 1 && self.is_inside_picture() {
+            let pitch = image.width_px as usize;
+            let levels = &image.pixels[first[1] as usize * pitch + first[0] as usize..];
+            widen(instructions, levels, pitch, width, &mut self.grey[..width * height]);
+            return;
+        }
         if radius == 0 {
             for (k, line) in self.grey[..width * height].chunks_exact_mut(width).enumerate() {
-                read_line(instructions, image, scale, self.picture, first[0], first[1] + k as i64, line);
+                read_line(image, scale, self.picture, first[0], first[1] + k as i64, line);
             }
             return;
         }
@@ -71,7 +77,7 @@ impl Region {
         self.line.resize(width + 2 * radius, 0.0);
         for (k, out) in self.rows.chunks_exact_mut(width).enumerate() {
             let v = first[1] + k as i64;
-            read_line(instructions, image, scale, self.picture, first[0], v, &mut self.line);
+            read_line(image, scale, self.picture, first[0], v, &mut self.line);
             convolve(instructions, taps, &self.line, 1, out);
         }
         self.convolve_rows(instructions, taps);
@@ -110,6 +116,11 @@ impl Region {
         self.picture = picture;
         // `resize` keeps old values; those of the rectangle are overwritten by whoever calls this.
         self.grey.resize(self.size[0] * self.size[1] + SLACK, 0.0);
+    }
+
+    /// Whether none of it lies beyond the picture's edge.
+    fn is_inside_picture(&self) -> bool {
+        (0..2).all(|k| self.origin[k] >= 0 && self.origin[k] + self.size[k] as i64 <= self.picture[k] as i64)
     }
 
     fn convolve_rows(&mut self, instructions: Instructions, taps: &[f32]) {
@@ -222,21 +233,13 @@ fn whole(value: f64) -> i64 {
     libm::round(value).clamp(-1e9, 1e9) as i64
 }
 
-fn read_line(
-    instructions: Instructions,
-    image: &Image,
-    scale: usize,
-    picture: [usize; 2],
-    first: i64,
-    v: i64,
-    line: &mut [f32],
-) {
+fn read_line(image: &Image, scale: usize, picture: [usize; 2], first: i64, v: i64, line: &mut [f32]) {
     let v = v.clamp(0, picture[1] as i64 - 1) as usize;
     let last = picture[0] as i64 - 1;
     if scale == 1 {
         let row = image.row(v as u32);
         if first >= 0 && first + line.len() as i64 - 1 <= last {
-            widen(instructions, &row[first as usize..], line);
+            line.iter_mut().zip(&row[first as usize..]).for_each(|(out, level)| *out = f32::from(*level));
             return;
         }
         for (k, out) in line.iter_mut().enumerate() {
@@ -286,7 +289,7 @@ fn add_pixels<const SCALE: usize>(row: &[u8], line: &mut [f32]) {
 }
 
 /// Vectors summed together, so that a tap is read once for all of them.
-const TOGETHER: usize = 4;
+const TOGETHER: usize = 5;
 
 wide! {
     /// Adds up `taps` values that lie `step` apart, for every value of `out`: whole vectors.
@@ -320,10 +323,12 @@ fn weighted<const N: usize>(taps: &[f32], values: &[f32], step: usize) -> [Lanes
 }
 
 wide! {
-    /// Grey levels as numbers.
-    fn widen(levels: &[u8], out: &mut [f32]) {
-        for (out, level) in out.iter_mut().zip(levels) {
-            *out = f32::from(*level);
+    /// Grey levels of a rectangle as numbers; `levels` begins at its first pixel, its rows lie `pitch` apart.
+    fn widen(levels: &[u8], pitch: usize, width: usize, out: &mut [f32]) {
+        for (levels, out) in levels.chunks(pitch).zip(out.chunks_exact_mut(width)) {
+            for (levels, out) in levels.as_chunks::<LANES>().0.iter().zip(out.as_chunks_mut::<LANES>().0) {
+                *out = levels.map(f32::from);
+            }
         }
     }
 }
@@ -368,9 +373,6 @@ struct Lattice {
     /// Pixels right of and below this have no further neighbour.
     last: [f32; 2],
 }
-
-/// 2²³: adding it to a smaller non-negative number rounds that to a whole one, which then is the sum's lower bits.
-const WHOLE: f32 = 8_388_608.0;
 
 wide! {
     /// Patch of a template that has been turned, sheared or scaled.
@@ -419,12 +421,22 @@ wide! {
                     at[lane] = (row * row_pitch + column + WHOLE).to_bits() - WHOLE.to_bits();
                 }
                 let [mut a, mut b, mut c, mut d] = [[0.0_f32; LANES]; 4];
-                for lane in 0..LANES {
-                    let left = at[lane] as usize;
-                    let right = left + 1;
-                    assert!(right < places, "a tap outside of the region");
-                    (a[lane], b[lane]) = (upper[left], upper[right]);
-                    (c[lane], d[lane]) = (lower[left], lower[right]);
+                let begins = at[0] as usize;
+                if at == core::array::from_fn(|lane| at[0] + lane as u32) {
+                    // Hardly turned, most vectors read neighbouring pixels.
+                    let (upper, lower) = (&upper[begins..=begins + LANES], &lower[begins..=begins + LANES]);
+                    a.copy_from_slice(&upper[..LANES]);
+                    b.copy_from_slice(&upper[1..]);
+                    c.copy_from_slice(&lower[..LANES]);
+                    d.copy_from_slice(&lower[1..]);
+                } else {
+                    for lane in 0..LANES {
+                        let left = at[lane] as usize;
+                        let right = left + 1;
+                        assert!(right < places, "a tap outside of the region");
+                        (a[lane], b[lane]) = (upper[left], upper[right]);
+                        (c[lane], d[lane]) = (lower[left], lower[right]);
+                    }
                 }
                 for lane in 0..LANES {
                     let above = a[lane] + fu[lane] * (b[lane] - a[lane]);

@@ -95,7 +95,7 @@ impl Registrar {
             adapted: vec![0.0; window.padded_len()],
             adapted_u: vec![0.0; window.len()],
             adapted_v: vec![0.0; window.len()],
-            conditional: Conditional::new(settings.scv_bins),
+            conditional: Conditional::new(settings.scv_bins, window),
         }
     }
 
@@ -193,7 +193,15 @@ impl Registrar {
 
     pub(crate) fn adapt(&mut self, template: &Template) {
         let (weights, part) = (self.weights.values(), self.weights.part);
-        self.conditional.adapt(weights, self.window, part, &template.padded, &self.patch, &mut self.adapted);
+        self.conditional.adapt(
+            self.instructions,
+            weights,
+            self.window,
+            part,
+            &template.padded,
+            &self.patch,
+            &mut self.adapted,
+        );
         gradient(&self.adapted, self.window, &mut self.adapted_u, &mut self.adapted_v);
     }
 

@@ -1,6 +1,8 @@
 //! The adapted template of the sum of conditional variances, paper (9)–(11).
 
-use crate::window::{Part, Window};
+use sonoloop_simd::{Instructions, wide};
+
+use crate::window::{LANES, Part, WHOLE, Window};
 
 /// Most bins a setting may ask for.
 const MAX_BINS: usize = 256;
@@ -14,6 +16,8 @@ type Bin = [f32; 4];
 #[derive(Debug, Clone)]
 pub(crate) struct Conditional {
     bins: usize,
+    /// Bin of each of the template's pixels, padded.
+    bin_of: Vec<u8>,
     tables: [[Bin; MAX_BINS]; TABLES],
     /// Which knot a bin went into.
     knot_of: [u8; MAX_BINS],
@@ -24,9 +28,10 @@ pub(crate) struct Conditional {
 }
 
 impl Conditional {
-    pub fn new(bins: u32) -> Self {
+    pub fn new(bins: u32, window: Window) -> Self {
         Self {
             bins: bins as usize,
+            bin_of: vec![0; window.padded_len()],
             tables: [[[0.0; 4]; MAX_BINS]; TABLES],
             knot_of: [0; MAX_BINS],
             knots: [0.0; MAX_BINS],
@@ -40,8 +45,10 @@ impl Conditional {
     /// is interpolated, so that it is as smooth as T and its gradient is one: a staircase would leave half a bin
     /// of quantisation in every residual. A bin that holds less than its share of the weight is merged with its
     /// neighbour, since the mean of two or three pixels would just copy the image.
+    #[expect(clippy::too_many_arguments, reason = "plain buffers")]
     pub fn adapt(
         &mut self,
+        instructions: Instructions,
         weights: &[f32],
         window: Window,
         part: Part,
@@ -54,12 +61,13 @@ impl Conditional {
             start + part.first..start + part.end + 2
         };
         let rows = part.first..part.end + 2;
-        let ends = rows.clone().flat_map(|y| &template[row(y)]);
-        let (low, high) = ends.fold((f32::MAX, f32::MIN), |(l, h), g| (l.min(*g), h.max(*g)));
+        let ends = rows.clone().map(|y| range(instructions, &template[row(y)]));
+        let [low, high] = ends.fold([f32::MAX, f32::MIN], |[l, h], [low, high]| [l.min(low), h.max(high)]);
         let per_grey = self.bins as f32 / (high - low).max(1e-3);
-        let last = self.bins - 1;
-        // Grey levels of the template are not below the lowest.
-        let bin_of = |grey: f32| (((grey - low) * per_grey) as usize).min(last);
+        for y in rows.clone() {
+            let last = (self.bins - 1) as f32;
+            bins(instructions, &template[row(y)], low, per_grey, last, &mut self.bin_of[row(y)]);
+        }
         for table in &mut self.tables {
             table[..self.bins].fill([0.0; 4]);
         }
@@ -67,9 +75,11 @@ impl Conditional {
             let weights = &weights[y * window.stride()..][part.first..part.end];
             let padded = row(y + 1);
             let inner = padded.start + 1..padded.end - 1;
-            let (template, image) = (&template[inner.clone()], &image[inner]);
-            for (k, ((weight, t), p)) in weights.iter().zip(template).zip(image).enumerate() {
-                let bin = &mut self.tables[k % TABLES][bin_of(*t)];
+            let (bins, template, image) =
+                (&self.bin_of[inner.clone()], &template[inner.clone()], &image[inner]);
+            let pixels = weights.iter().zip(bins).zip(template).zip(image);
+            for (k, (((weight, bin), t), p)) in pixels.enumerate() {
+                let bin = &mut self.tables[k % TABLES][usize::from(*bin)];
                 for (sum, term) in bin.iter_mut().zip([*weight, weight * t, weight * p, 0.0]) {
                     *sum += term;
                 }
@@ -77,8 +87,9 @@ impl Conditional {
         }
         let knots = self.join();
         for y in rows {
-            for (out, t) in adapted[row(y)].iter_mut().zip(&template[row(y)]) {
-                let knot = usize::from(self.knot_of[bin_of(*t)]);
+            let levels = template[row(y)].iter().zip(&self.bin_of[row(y)]);
+            for (out, (t, bin)) in adapted[row(y)].iter_mut().zip(levels) {
+                let knot = usize::from(self.knot_of[usize::from(*bin)]);
                 // Left of its knot a grey level belongs to the line before; beyond the outer knots the lines go on.
                 let left = knot - usize::from(*t < self.knots[knot] && knot > 0);
                 let [level, slope] = self.lines[left.min(knots.saturating_sub(2))];
@@ -140,6 +151,39 @@ impl Conditional {
     }
 }
 
+wide! {
+    /// The lowest and the highest of some grey levels.
+    fn range(levels: &[f32]) -> [f32; 2] {
+        let lower = |a: f32, b: f32| if b < a { b } else { a };
+        let higher = |a: f32, b: f32| if b > a { b } else { a };
+        let (vectors, rest) = levels.as_chunks::<LANES>();
+        let [mut low, mut high] = [[f32::MAX; LANES], [f32::MIN; LANES]];
+        for vector in vectors {
+            for k in 0..LANES {
+                low[k] = lower(low[k], vector[k]);
+                high[k] = higher(high[k], vector[k]);
+            }
+        }
+        let all = |lanes: [f32; LANES], pick: fn(f32, f32) -> f32| {
+            lanes.into_iter().chain(rest.iter().copied()).reduce(pick).unwrap_or_default()
+        };
+        [all(low, lower), all(high, higher)]
+    }
+}
+
+wide! {
+    /// The bins that grey levels fall into; none is below `low`.
+    fn bins(levels: &[f32], low: f32, per_grey: f32, last: f32, bins: &mut [u8]) {
+        for (bin, level) in bins.iter_mut().zip(levels) {
+            let place = (level - low) * per_grey - 0.5;
+            let place = if place > 0.0 { place } else { 0.0 };
+            let place = if place < last { place } else { last };
+            // To the nearest whole number, which is the bin.
+            *bin = (place + WHOLE).to_bits() as u8;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,7 +195,15 @@ mod tests {
         let [template, image] = [template, image].map(|p| Template::from_pixels(side, p, None).padded);
         let mut adapted = vec![0.0; template.len()];
         let (window, part) = (weights.window, weights.part);
-        Conditional::new(16).adapt(weights.values(), window, part, &template, &image, &mut adapted);
+        Conditional::new(16, window).adapt(
+            Instructions::widest(),
+            weights.values(),
+            window,
+            part,
+            &template,
+            &image,
+            &mut adapted,
+        );
         window.pixels(&adapted).collect()
     }
 

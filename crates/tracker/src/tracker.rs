@@ -112,7 +112,7 @@ impl Tracker {
         if tracker.registrar.sample(&tracker.region, &Placement::at(tip_px)).is_err() {
             return Err(TrackerError::TipOutside { tip_px });
         }
-        let median = lit_median(tracker.registrar.instructions, image);
+        let median = lit_median(tracker.registrar.instructions, image, None);
         tracker.anchor.refresh(&tracker.registrar.patch, median);
         tracker.previous.refresh(&tracker.registrar.patch, median);
         if is_flat(&tracker.anchor, &settings) {
@@ -197,7 +197,7 @@ impl Tracker {
         {
             self.declare_lost(Reason::OutOfImage, motion_px, None, 0)
         } else {
-            let median = lit_median(self.registrar.instructions, image);
+            let median = lit_median(self.registrar.instructions, image, self.previous.median);
             match self.belief.state.state() {
                 TrackState::Tracking => self.follow(image, median, motion_px),
                 _ => self.seek(image, median, motion_px, context),
