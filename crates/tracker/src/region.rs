@@ -389,6 +389,8 @@ wide! {
         // Written as comparisons, since `max` and `min` care for NaN.
         let at_least = |value: f32, low: f32| if value > low { value } else { low };
         let at_most = |value: f32, high: f32| if value < high { value } else { high };
+        // The nearest whole number to u − ½ is u's floor, or one less with a fraction of one.
+        let floor = |value: f32| (at_least(value - 0.5, 0.0) + WHOLE) - WHOLE;
         let [along_u, along_v] = lattice.along;
         let [last_u, last_v] = lattice.last;
         let row_pitch = width as f32;
@@ -398,13 +400,30 @@ wide! {
             let [u0, v0] =
                 [0, 1].map(|axis| (lattice.origin[axis] + k as f64 * lattice.down[axis]) as f32);
             let first = columns.start;
-            for (i, out) in patch[y * stride + first..(y + 1) * stride]
-                .as_chunks_mut::<LANES>()
-                .0
-                .iter_mut()
-                .take((columns.end - first).div_ceil(LANES))
-                .enumerate()
-            {
+            let vectors = (columns.end - first).div_ceil(LANES);
+            let out = patch[y * stride + first..(y + 1) * stride].as_chunks_mut::<LANES>().0;
+            // Hardly turned, most rows read neighbouring pixels of one row: what holds at both ends holds between.
+            let end = (columns.end - 1 - first) as f32;
+            let (u1, v1) = (u0 + end * along_u, v0 + end * along_v);
+            let (column, row) = (floor(u0), floor(v0));
+            if floor(u1) == column + end && floor(v1) == row {
+                let at = row as usize * width + column as usize;
+                let (upper, lower) = (&upper[at..], &lower[at..]);
+                for (i, out) in out.iter_mut().take(vectors).enumerate() {
+                    let begin = i * LANES;
+                    let (upper, lower) = (&upper[begin..=begin + LANES], &lower[begin..=begin + LANES]);
+                    for lane in 0..LANES {
+                        let step = (begin + lane) as f32;
+                        let fu = u0 + step * along_u - (column + step);
+                        let fv = v0 + step * along_v - row;
+                        let above = upper[lane] + fu * (upper[lane + 1] - upper[lane]);
+                        let below = lower[lane] + fu * (lower[lane + 1] - lower[lane]);
+                        out[lane] = above + fv * (below - above);
+                    }
+                }
+                continue;
+            }
+            for (i, out) in out.iter_mut().take(vectors).enumerate() {
                 let mut at = [0_u32; LANES];
                 let [mut fu, mut fv] = [[0.0_f32; LANES]; 2];
                 let begin = (i * LANES) as f32;
@@ -413,30 +432,18 @@ wide! {
                     // Lanes beyond the row's end may lie anywhere; rounding may leave the corners by a hair.
                     let u = at_most(at_least(u0 + step * along_u, 0.0), last_u);
                     let v = at_most(at_least(v0 + step * along_v, 0.0), last_v);
-                    // The nearest whole number to u − ½ is u's floor, or one less with a fraction of one.
-                    let column = (at_least(u - 0.5, 0.0) + WHOLE) - WHOLE;
-                    let row = (at_least(v - 0.5, 0.0) + WHOLE) - WHOLE;
+                    let (column, row) = (floor(u), floor(v));
                     fu[lane] = u - column;
                     fv[lane] = v - row;
                     at[lane] = (row * row_pitch + column + WHOLE).to_bits() - WHOLE.to_bits();
                 }
                 let [mut a, mut b, mut c, mut d] = [[0.0_f32; LANES]; 4];
-                let begins = at[0] as usize;
-                if at == core::array::from_fn(|lane| at[0] + lane as u32) {
-                    // Hardly turned, most vectors read neighbouring pixels.
-                    let (upper, lower) = (&upper[begins..=begins + LANES], &lower[begins..=begins + LANES]);
-                    a.copy_from_slice(&upper[..LANES]);
-                    b.copy_from_slice(&upper[1..]);
-                    c.copy_from_slice(&lower[..LANES]);
-                    d.copy_from_slice(&lower[1..]);
-                } else {
-                    for lane in 0..LANES {
-                        let left = at[lane] as usize;
-                        let right = left + 1;
-                        assert!(right < places, "a tap outside of the region");
-                        (a[lane], b[lane]) = (upper[left], upper[right]);
-                        (c[lane], d[lane]) = (lower[left], lower[right]);
-                    }
+                for lane in 0..LANES {
+                    let left = at[lane] as usize;
+                    let right = left + 1;
+                    assert!(right < places, "a tap outside of the region");
+                    (a[lane], b[lane]) = (upper[left], upper[right]);
+                    (c[lane], d[lane]) = (lower[left], lower[right]);
                 }
                 for lane in 0..LANES {
                     let above = a[lane] + fu[lane] * (b[lane] - a[lane]);

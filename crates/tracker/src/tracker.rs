@@ -216,6 +216,11 @@ impl Tracker {
         let changes = [&self.anchor, &self.previous].map(|template| self.change(template, median));
         // Most motions are short, and a small region is soon read; only who leaves it needs the large one.
         let far = jump(&self.settings);
+        // Where a registration of T_1 follows, that of T_n only has to be near.
+        let corrects = self.settings.update == UpdateStrategy::DriftCorrected;
+        if self.refinement.is_some() && corrects {
+            self.registrar.epsilon_px = self.settings.epsilon_px.max(NEAR_PX);
+        }
         let first = [SHORT_JUMP_PX, far].into_iter().find_map(|jump| {
             let reach = self.registrar.weights.part.reach() + jump;
             self.look(image, guess_px, reach);
@@ -227,6 +232,7 @@ impl Tracker {
             };
             Some(first).filter(|first| first.is_ok() || jump == far)
         });
+        self.registrar.epsilon_px = self.settings.epsilon_px;
         // The large region always ends in a result.
         let Some(first) = first else { return self.declare_lost(Reason::Diverged, motion_px, None, 0) };
         let mut found = match first {
@@ -242,7 +248,6 @@ impl Tracker {
             found.iterations += iterations;
             refined
         });
-        let corrects = self.settings.update == UpdateStrategy::DriftCorrected;
         let mut update = self.settings.update == UpdateStrategy::Naive;
         if let Some(place) = refined {
             // It is a registration of T_1, and near.
@@ -436,6 +441,8 @@ impl Tracker {
     }
 }
 
+/// What a registration that another one follows may leave, in pixels.
+const NEAR_PX: f64 = 0.1;
 /// How far a registration may wander at first, in pixels.
 const SHORT_JUMP_PX: usize = 6;
 
