@@ -166,7 +166,10 @@ impl Tracker {
         let rejected = sought.scored(start_px, view, None, false);
 
         let change = self.change(&self.anchor, sought.median);
-        let end = match self.registrar.run(&self.region, &self.anchor, change, Placement::at(start_px)) {
+        self.registrar.leash_px = MAX_MOVE_PX;
+        let end = self.registrar.run(&self.region, &self.anchor, change, Placement::at(start_px));
+        self.registrar.leash_px = f64::INFINITY;
+        let end = match end {
             Ok(end) => end,
             Err(failure) => {
                 *iterations += failure.iterations;

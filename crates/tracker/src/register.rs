@@ -56,6 +56,8 @@ pub(crate) struct Registrar {
     pub(crate) warp: Warp,
     pub(crate) max_iterations: u32,
     pub(crate) epsilon_px: f64,
+    /// A registration that goes farther than this from where it began has diverged.
+    pub(crate) leash_px: f64,
     pub(crate) window: Window,
     pub weights: Weights,
     /// The last patch sampled, padded.
@@ -88,6 +90,7 @@ impl Registrar {
             warp,
             max_iterations: settings.max_iterations,
             epsilon_px: settings.epsilon_px,
+            leash_px: f64::INFINITY,
             window,
             weights: Weights::new(window.side, weight_sigma_px),
             patch: vec![0.0; window.padded_len()],
@@ -166,6 +169,9 @@ impl Registrar {
                 return Err(fail(Reason::Diverged));
             }
             place = place.compose([step, [0.0; 2], [0.0; 2]]);
+            if distance(place.centre_px, start.centre_px) > self.leash_px {
+                return Err(fail(Reason::Diverged));
+            }
             conditioning = ratio;
             if approaching {
                 approaching = length >= NEAR_PX && iteration < Self::MAX_APPROACH;

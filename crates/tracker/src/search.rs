@@ -169,35 +169,14 @@ impl Search {
         let template_is_flat = self.energy <= energy_floor;
         for (y, map) in self.map.chunks_exact_mut(columns).enumerate() {
             // The weights of Σ w I and Σ w I² separate; those of Σ w T I do not.
-            linear.fill(0.0);
-            square.fill(0.0);
-            for k in 0..self.side {
-                let row = &self.region.grey[(y + k) * width..][..width];
-                let weight = self.axis[k];
-                for ((linear, square), grey) in linear.iter_mut().zip(square.iter_mut()).zip(row) {
-                    *linear += weight * grey;
-                    *square += weight * grey * grey;
-                }
-            }
-            mean.fill(0.0);
-            energy.fill(0.0);
-            for (x, weight) in self.axis.iter().enumerate() {
-                for (sum, value) in mean.iter_mut().zip(&linear[x..]) {
-                    *sum += weight * value;
-                }
-                for (sum, value) in energy.iter_mut().zip(&square[x..]) {
-                    *sum += weight * value;
-                }
-            }
-            for (energy, mean) in energy.iter_mut().zip(mean.iter()) {
-                *energy -= mean * mean / self.weight_sum;
-            }
+            let rows = &self.region.grey[y * width..];
+            add_rows(self.instructions, rows, width, &self.axis, linear, square);
+            add_columns(self.instructions, &self.axis, self.weight_sum, linear, square, mean, energy);
             let template_energy = self.energy;
             let score = |product: f32, energy: f32| {
                 let flat = template_is_flat || energy <= energy_floor;
                 if flat { -1.0 } else { product / (energy * template_energy).sqrt() }
             };
-            let rows = &self.region.grey[y * width..];
             let (blocks, rest) = map.as_chunks_mut::<BLOCK>();
             let (block_energies, rest_energies) = energy.as_chunks::<BLOCK>();
             for (block, (map, energy)) in blocks.iter_mut().zip(block_energies).enumerate() {
@@ -208,9 +187,7 @@ impl Search {
                 }
                 let product =
                     block_products(self.instructions, &self.kernel, self.side, &rows[block * BLOCK..], width);
-                for ((ncc, product), &energy) in map.iter_mut().zip(product).zip(energy) {
-                    *ncc = score(product, energy);
-                }
+                *map = scores(self.instructions, &product, energy, template_energy, energy_floor);
             }
             let first = columns - rest.len();
             for (x, (ncc, &energy)) in rest.iter_mut().zip(rest_energies).enumerate() {
@@ -242,6 +219,66 @@ impl Search {
         (y.saturating_sub(1)..(y + 2).min(rows)).all(|v| {
             let row = &self.map[v * columns..][..columns];
             row[x.saturating_sub(1)..(x + 2).min(columns)].iter().all(|near| *near <= value)
+        })
+    }
+}
+
+wide! {
+    /// Σ w I and Σ w I² over the rows of a window, for every column.
+    fn add_rows(
+        rows: &[f32],
+        width: usize,
+        axis: &[f32],
+        linear: &mut [f32],
+        square: &mut [f32],
+    ) {
+        linear.fill(0.0);
+        square.fill(0.0);
+        for (row, weight) in rows.chunks_exact(width).zip(axis) {
+            for ((linear, square), grey) in linear.iter_mut().zip(square.iter_mut()).zip(row) {
+                *linear += weight * grey;
+                *square += weight * grey * grey;
+            }
+        }
+    }
+}
+
+wide! {
+    /// The weighted sum of every window, and its contrast Σ w (I − mean)².
+    fn add_columns(
+        axis: &[f32],
+        weight_sum: f32,
+        linear: &[f32],
+        square: &[f32],
+        sums: &mut [f32],
+        energy: &mut [f32],
+    ) {
+        sums.fill(0.0);
+        energy.fill(0.0);
+        for (x, weight) in axis.iter().enumerate() {
+            let values = linear[x..].iter().zip(&square[x..]);
+            for ((sum, energy), (linear, square)) in sums.iter_mut().zip(energy.iter_mut()).zip(values) {
+                *sum += weight * linear;
+                *energy += weight * square;
+            }
+        }
+        for (energy, sum) in energy.iter_mut().zip(sums.iter()) {
+            *energy -= sum * sum / weight_sum;
+        }
+    }
+}
+
+wide! {
+    /// NCC of a block of windows; −1 where one is flat.
+    fn scores(
+        products: &[f32; BLOCK],
+        energies: &[f32; BLOCK],
+        template_energy: f32,
+        energy_floor: f32,
+    ) -> [f32; BLOCK] {
+        core::array::from_fn(|k| {
+            let ncc = products[k] / (energies[k] * template_energy).sqrt();
+            if energies[k] <= energy_floor { -1.0 } else { ncc }
         })
     }
 }

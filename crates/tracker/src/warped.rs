@@ -7,6 +7,7 @@ use crate::region::Region;
 use crate::register::{Failure, NEAR_PX, Registrar, Registration, eigenvalue_ratio};
 use crate::sums::affine_sums;
 use crate::template::Template;
+use crate::tracker::distance;
 use crate::warp::{Moments, Placement, normal_equations, solve, step};
 
 /// Damping λ to begin with; a step that makes the residual smaller divides it by ten, one that does not multiplies it.
@@ -81,7 +82,8 @@ impl Registrar {
             let next = from.place.compose(delta);
             let moved_px = next.corner_distance(&from.place, half_px);
             // Written so that NaN fails.
-            if !(next.is_sane() && moved_px <= self.window.side as f64 / 2.0) {
+            let near = distance(next.centre_px, start.centre_px) <= self.leash_px;
+            if !(near && next.is_sane() && moved_px <= self.window.side as f64 / 2.0) {
                 return Err(fail(Reason::Diverged));
             }
             place = next;
