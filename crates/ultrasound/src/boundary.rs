@@ -14,7 +14,7 @@ use crate::{
     fast::exp_minus,
     lattice::Lattice,
     motion::Motion,
-    shear::Shear,
+    shear::{Shear, Slab},
 };
 
 /// Echo of a plane that reflects all, at normal incidence, over unit speckle. [derived] A backscatter coefficient of
@@ -156,11 +156,11 @@ fn reach_m(lattice: &Lattice, motion: Option<&Motion>) -> f64 {
     WINDOW_REACH * window_m(lattice) + motion.map_or(0.0, Motion::reach_m)
 }
 
-/// Range of e′ of those columns.
-pub fn elevations_m(lattice: &Lattice, shear: &Shear, motion: Option<&Motion>) -> [f64; 2] {
+/// Where those columns are.
+pub fn slab(lattice: &Lattice, shear: &Shear, motion: Option<&Motion>) -> Slab {
     let reach_m = reach_m(lattice, motion);
     let drift_m = -shear.elevation_slope * shear.rows as f64 * shear.row_step_m;
-    [drift_m.min(0.0) - reach_m, drift_m.max(0.0) + reach_m]
+    Slab { elevations_m: [drift_m.min(0.0) - reach_m, drift_m.max(0.0) + reach_m], reach_m }
 }
 
 /// Appends the echoes of the facets near the plane of the picture.
@@ -181,7 +181,7 @@ pub fn add_echoes(
     let plane = amplitude_from_db(PLANE_LEVEL_DB);
     let level = plane * dx_m * dy_m * down.z.abs() / (core::f64::consts::TAU * window_m);
     let (reach_m, moved_reach_m) = (WINDOW_REACH * window_m, reach_m(lattice, motion));
-    for [ix, iy] in shear.columns_across(elevations_m(lattice, shear, motion)) {
+    for [ix, iy] in shear.columns_across(slab(lattice, shear, motion)) {
         // Only where the column is near the plane.
         let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
         let [high_m, low_m] =

@@ -23,7 +23,7 @@
 //! | file | does |
 //! |---|---|
 //! | `beam` | widths, wavelength, units of amplitude |
-//! | `lattice`, `columns` | scatterers of the phantom; materials along a column, cached |
+//! | `lattice`, `columns`, `table` | scatterers of the phantom; materials along a column, cached |
 //! | `tape` | the noise tape, with carrier and sub-row delays of one tilt |
 //! | `shear` | working grid of one pose |
 //! | `elevation` | weights by elevation and row |
@@ -88,6 +88,7 @@ mod renderer;
 mod shear;
 mod splat;
 mod stamp;
+mod table;
 mod tape;
 
 pub use instructions::Instructions;

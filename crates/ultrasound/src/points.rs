@@ -15,7 +15,7 @@ use crate::{
     instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
-    shear::Shear,
+    shear::{Shear, Slab},
     splat::{BAND, Grid},
     tape::{BakedTape, DELAY_REACH, DELAY_TAPS},
 };
@@ -39,7 +39,7 @@ struct Column {
     down_m: f64,
     aside_m: f64,
     tape: usize,
-    stretches: Range,
+    layers: Range,
 }
 
 /// What all scatterers of a picture share.
@@ -62,11 +62,11 @@ pub struct Points {
     taps: Vec<[f32; 2 * WINDOW]>,
 }
 
-/// Range of e′ at rest that meets the slice.
-pub fn elevations_m(elevation: &ElevationTable, motion: Option<&Motion>) -> [f64; 2] {
+/// Where columns stand at rest that meet the slice.
+pub fn slab(elevation: &ElevationTable, motion: Option<&Motion>) -> Slab {
     let margin_m = motion.map_or(0.0, Motion::reach_m);
-    let [low_m, high_m] = elevation.range_m();
-    [low_m - margin_m, high_m + margin_m]
+    let Slab { elevations_m: [low_m, high_m], reach_m } = elevation.slab();
+    Slab { elevations_m: [low_m - margin_m, high_m + margin_m], reach_m: reach_m + margin_m }
 }
 
 /// What a scatterer's echo is made of.
@@ -136,9 +136,9 @@ impl Points {
         self.by_band.iter_mut().for_each(Vec::clear);
         self.by_band.resize_with(shear.lines.div_ceil(BAND), Vec::new);
         let steepest = flow.by_depth.iter().fold(0.0, |most: f64, by_depth| most.max(by_depth[1]));
-        for [ix, iy] in shear.columns_across(elevations_m(elevation, Some(motion))) {
-            let stretches = tissue.get(ix, iy);
-            if tissue.stretches(stretches).is_empty() {
+        for [ix, iy] in shear.columns_across(slab(elevation, Some(motion))) {
+            let layers = tissue.get(ix, iy);
+            if tissue.layers(layers).is_empty() {
                 continue;
             }
             let [x_m, y_m] = lattice.column_m(ix, iy);
@@ -163,7 +163,7 @@ impl Points {
                 down_m,
                 aside_m,
                 tape: lattice.tape_offset(ix, iy),
-                stretches,
+                layers,
             });
         }
     }
@@ -185,9 +185,16 @@ wide! {
         let Model { tape, elevation, shear, .. } = model;
         let rows = shear.rows as f64;
         let end = flow.by_depth.len() as i32;
-        for stretch in tissue.stretches(column.stretches).iter().filter(|s| s.amplitude != 0.0) {
-            for first in (stretch.start..stretch.end.min(end)).step_by(GROUP) {
-                let count = (stretch.end.min(end) - first).min(GROUP as i32) as usize;
+        let mut next = 0;
+        for &layer in tissue.layers(column.layers) {
+            let (layer_first, layer_end) = (next, layer.end.min(end));
+            next = layer_end;
+            let amplitude = tissue.filling(layer).amplitude;
+            if amplitude == 0.0 {
+                continue;
+            }
+            for first in (layer_first..layer_end).step_by(GROUP) {
+                let count = (layer_end - first).min(GROUP as i32) as usize;
                 let ends =
                     [flow.place(shear, column, first), flow.place(shear, column, first + count as i32 - 1)];
                 if ends[1].row < -(DELAY_REACH as f64) {
@@ -221,7 +228,7 @@ wide! {
                 let turns = ends[0].row * model.turns_per_row();
                 let turns_apart = rows_apart * model.turns_per_row() as f32;
                 let weights = weights(&[above, below], reach_m, [ends[0].e_m as f32, e_apart_m], per_step);
-                group.weigh(&weights, stretch.amplitude, count);
+                group.weigh(&weights, amplitude, count);
                 group.turn((turns - floor(turns) as f64) as f32, turns_apart);
                 let whole_row = floor(ends[0].row);
                 let past = (ends[0].row - whole_row as f64) as f32;
