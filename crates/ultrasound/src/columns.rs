@@ -93,6 +93,8 @@ pub struct Columns {
     boundaries: Vec<Boundary>,
     boundaries_of: Table<Range>,
     facets: Vec<Facet>,
+    /// Their depths once more, closer together.
+    facet_z_m: Vec<f64>,
     facets_of: Table<FacetRange>,
     segments: Vec<ColumnSegment>,
 }
@@ -134,6 +136,7 @@ impl Columns {
             boundaries: Vec::new(),
             boundaries_of: Table::new(half),
             facets: Vec::new(),
+            facet_z_m: Vec::new(),
             facets_of: Table::new(half),
             segments: Vec::new(),
         }
@@ -206,6 +209,7 @@ impl Columns {
             let reverberates = self.reverberates;
             let found = facets(&own, spacing_m, [ix, iy], reverberates, |ix, iy| self.boundaries(ix, iy));
             self.facets.extend(found);
+            self.facet_z_m.extend(self.facets[first..].iter().map(|facet| facet.z_m));
         }
         let range = Range { first: first as u32, count: (self.facets.len() - first) as u32 };
         let depths =
@@ -225,9 +229,11 @@ impl Columns {
     pub fn facets(&self, ix: i32, iy: i32, low_z_m: f64, high_z_m: f64) -> impl Iterator<Item = &Facet> {
         let FacetRange { range, depths } = self.facets_of.get(ix, iy);
         let any = low_z_m <= high_z_m && depths & self.depths(low_z_m, high_z_m) != 0;
-        let count = if any { range.count } else { 0 };
-        let facets = &self.facets[range.first as usize..][..count as usize];
-        facets.iter().filter(move |facet| (low_z_m..=high_z_m).contains(&facet.z_m))
+        let first = range.first as usize;
+        let places = first..if any { first + range.count as usize } else { first };
+        let within = move |&(_, z_m): &(usize, &f64)| (low_z_m..=high_z_m).contains(z_m);
+        let depths = self.facet_z_m[places.clone()].iter();
+        places.zip(depths).filter(within).map(|(place, _)| &self.facets[place])
     }
 
     fn boundaries(&mut self, ix: i32, iy: i32) -> Vec<Boundary> {

@@ -9,7 +9,7 @@ use crate::{
     lattice::{Lattice, TAPE_LENGTH},
     shear::Shear,
     splat::BAND,
-    tape::BakedTape,
+    tape::{BakedTape, product},
 };
 
 /// Parts of the lattice's rows that are listed at a time; fixed, though results do not depend on it.
@@ -45,10 +45,6 @@ pub struct Jobs {
     phase_x: Vec<[f64; 2]>,
     phase_y: Vec<[f64; 2]>,
     wraps: Vec<[f64; 2]>,
-}
-
-fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
-    [a * c - b * d, a * d + b * c]
 }
 
 impl Jobs {
@@ -127,6 +123,7 @@ impl Listing<'_> {
         let [[ix_min, _], [iy_min, _]] = shear.columns;
         let (sub_delays, per_row) = (tape.sub_delays as i64, tape.sub_delays as f64);
         let lines_per_m = 1.0 / shear.line_pitch_m;
+        let rows_per_delay = 1.0 / per_row;
         let deepest = columns.most_scatterers() as i64;
         for ix in shear.overlap(elevation.slab(), iy) {
             let Some((mut weights, runs)) = elevation.crossing(shear.e.at(ix, iy)) else { continue };
@@ -146,7 +143,7 @@ impl Listing<'_> {
             }
             let delays = nearest(shear.top_row.at(ix, iy) * per_row) + sub_delays / 2;
             // The whole part of delays/sub_delays: exact, as the fraction is never half a row from the middle of one.
-            let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) / per_row);
+            let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) * rows_per_delay);
             let sub_delay = (delays - row_of_0 * sub_delays) as usize;
             let offset = lattice.tape_offset(ix, iy);
             let phase = product(

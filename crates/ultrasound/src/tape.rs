@@ -13,8 +13,15 @@ use crate::{
 /// Taps of a delay filter, centred.
 pub const DELAY_TAPS: usize = 9;
 pub const DELAY_REACH: usize = DELAY_TAPS / 2;
+/// Samples whose carrier is one turn of that of others: products of two short tables are exact to rounding, far cheaper
+/// than a sine per sample, and stay in the caches.
+const STRETCH: usize = 64;
 /// Samples filtered together.
 const BLOCK: usize = 16;
+
+pub fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
+    [a * c - b * d, a * d + b * c]
+}
 
 /// Unit-power complex Gaussian samples by Box–Muller.
 pub fn gaussian_tape(seed: u64, stream: u64, length: usize) -> Vec<[f32; 2]> {
@@ -39,8 +46,9 @@ pub struct BakedTape {
     raw: Vec<[f32; 2]>,
     row_step_m: f64,
     lateral_slope: f64,
-    /// exp(+i·2k·q·step) for q below the tape's length.
-    carrier: Vec<[f64; 2]>,
+    /// exp(+i·2k·q·step) for q below [`STRETCH`], and for its multiples from −`DELAY_REACH` on.
+    fine: Vec<[f64; 2]>,
+    coarse: Vec<[f64; 2]>,
     /// The raw tape times its carrier, `DELAY_REACH` samples longer at both ends.
     modulated: [Vec<f32>; 2],
     /// `sub_delays` stretches of `stride` samples, each packed by [`pack`].
@@ -59,7 +67,8 @@ impl BakedTape {
             raw: gaussian_tape(seed, 1, TAPE_LENGTH),
             row_step_m: 0.0,
             lateral_slope: 0.0,
-            carrier: Vec::new(),
+            fine: Vec::new(),
+            coarse: Vec::new(),
             modulated: [Vec::new(), Vec::new()],
             samples: Vec::new(),
             stride: 0,
@@ -74,8 +83,10 @@ impl BakedTape {
     }
 
     /// exp(+i·2k·q·step), q below the tape's length.
+    #[inline]
     pub fn carrier(&self, q: usize) -> [f64; 2] {
-        self.carrier[q]
+        let sample = q + DELAY_REACH;
+        product(self.coarse[sample / STRETCH], self.fine[sample % STRETCH])
     }
 
     /// Prepares the tape for columns of up to `rows` rows.
@@ -104,32 +115,27 @@ impl BakedTape {
     }
 
     fn modulate(&mut self, phase_per_row_rad: f64) {
-        // Products of two short tables: exact to rounding, and far cheaper than a sine per sample.
-        const STRETCH: usize = 64;
         let turn = |q: f64| {
             let (sin, cos) = libm::sincos(phase_per_row_rad * q);
             [cos, sin]
         };
-        let fine: Vec<[f64; 2]> = (0..STRETCH).map(|q| turn(q as f64)).collect();
         // Up to a whole block of the delay filters.
         let length = self.stride.next_multiple_of(BLOCK) + 2 * DELAY_REACH;
-        self.carrier.clear();
+        let starts =
+            (0..length.div_ceil(STRETCH)).map(|stretch| (stretch * STRETCH) as f64 - DELAY_REACH as f64);
+        self.coarse.clear();
+        self.coarse.extend(starts.map(turn));
+        self.fine.clear();
+        self.fine.extend((0..STRETCH).map(|q| turn(q as f64)));
         for part in &mut self.modulated {
             part.clear();
             part.reserve(length);
         }
-        for stretch in 0..length.div_ceil(STRETCH) {
-            let [c, s] = turn((stretch * STRETCH) as f64 - DELAY_REACH as f64);
-            for (i, &[fine_c, fine_s]) in fine.iter().enumerate().take(length - stretch * STRETCH) {
-                let sample = stretch * STRETCH + i;
-                let (cos, sin) = (c * fine_c - s * fine_s, s * fine_c + c * fine_s);
-                let [re, im] = self.raw[(sample + TAPE_LENGTH - DELAY_REACH) % TAPE_LENGTH].map(f64::from);
-                self.modulated[0].push((re * cos + im * sin) as f32);
-                self.modulated[1].push((im * cos - re * sin) as f32);
-                if (DELAY_REACH..DELAY_REACH + TAPE_LENGTH).contains(&sample) {
-                    self.carrier.push([cos, sin]);
-                }
-            }
+        for sample in 0..length {
+            let [cos, sin] = product(self.coarse[sample / STRETCH], self.fine[sample % STRETCH]);
+            let [re, im] = self.raw[(sample + TAPE_LENGTH - DELAY_REACH) % TAPE_LENGTH].map(f64::from);
+            self.modulated[0].push((re * cos + im * sin) as f32);
+            self.modulated[1].push((im * cos - re * sin) as f32);
         }
     }
 }
