@@ -151,14 +151,9 @@ fn window_m(lattice: &Lattice) -> f64 {
     WINDOW * dy_m
 }
 
-/// How far from the plane columns may stand whose facets are drawn: moved ones come from farther away.
-fn reach_m(lattice: &Lattice, motion: Option<&Motion>) -> f64 {
-    WINDOW_REACH * window_m(lattice) + motion.map_or(0.0, Motion::reach_m)
-}
-
-/// Where those columns are.
+/// Where columns stand whose facets are drawn; moved ones come from farther away.
 pub fn slab(lattice: &Lattice, shear: &Shear, motion: Option<&Motion>) -> Slab {
-    let reach_m = reach_m(lattice, motion);
+    let reach_m = WINDOW_REACH * window_m(lattice) + motion.map_or(0.0, |motion| motion.reach_m(shear));
     let drift_m = -shear.elevation_slope * shear.rows as f64 * shear.row_step_m;
     Slab { elevations_m: [drift_m.min(0.0) - reach_m, drift_m.max(0.0) + reach_m], reach_m }
 }
@@ -180,12 +175,13 @@ pub fn add_echoes(
     let window_m = window_m(lattice);
     let plane = amplitude_from_db(PLANE_LEVEL_DB);
     let level = plane * dx_m * dy_m * down.z.abs() / (core::f64::consts::TAU * window_m);
-    let (reach_m, moved_reach_m) = (WINDOW_REACH * window_m, reach_m(lattice, motion));
-    for [ix, iy] in shear.columns_across(slab(lattice, shear, motion)) {
+    let reach_m = WINDOW_REACH * window_m;
+    let slab = slab(lattice, shear, motion);
+    for [ix, iy] in shear.columns_across(slab) {
         // Only where the column is near the plane.
         let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
         let [high_m, low_m] =
-            shear.elevations_at(e_m, moved_reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
+            shear.elevations_at(e_m, slab.reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
         for facet in columns.facets(ix, iy, low_m, high_m) {
             let row = top_row + lattice.index_at(facet.z_m);
             let mut z_m = row * shear.row_step_m;

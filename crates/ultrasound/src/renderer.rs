@@ -305,7 +305,8 @@ impl Renderer {
             || {
                 let Some(shear) = shear else { return };
                 if let Some(motion) = motion {
-                    let model = points::Model { instructions, beam, tape, elevation, shear };
+                    let model =
+                        points::Model { instructions, beam, tape, elevation, shear, steps: points::steps() };
                     points.fill(model, lattice, tissue, pose, motion, grid);
                 } else {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;

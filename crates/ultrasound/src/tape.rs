@@ -16,6 +16,8 @@ pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 /// Samples whose carrier is one turn of that of others: products of two short tables are exact to rounding, far cheaper
 /// than a sine per sample, and stay in the caches.
 const STRETCH: usize = 64;
+/// Samples of the unmodulated tape that can be read across its end.
+const RAW_MARGIN: usize = 8;
 /// Samples filtered together.
 const BLOCK: usize = 16;
 
@@ -43,7 +45,8 @@ pub fn gaussian_tape(seed: u64, stream: u64, length: usize) -> Vec<[f32; 2]> {
 /// The carrier is put in before the delay filters because they are low-pass around it. It depends on the tilt
 /// (a row step is the lattice step times the cosine), so the tape is baked again when the cosine changes.
 pub struct BakedTape {
-    raw: Vec<[f32; 2]>,
+    /// Real and imaginary parts of the unmodulated tape, which goes on from its start for a few samples at its end.
+    raw: [Vec<f32>; 2],
     row_step_m: f64,
     lateral_slope: f64,
     /// exp(+i·2k·q·step) for q below [`STRETCH`], and for its multiples from −`DELAY_REACH` on.
@@ -63,8 +66,11 @@ pub struct BakedTape {
 
 impl BakedTape {
     pub fn new(seed: u64) -> Self {
+        let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
+        let part =
+            |part: usize| tape.iter().cycle().map(|v| v[part]).take(TAPE_LENGTH + RAW_MARGIN).collect();
         Self {
-            raw: gaussian_tape(seed, 1, TAPE_LENGTH),
+            raw: [part(0), part(1)],
             row_step_m: 0.0,
             lateral_slope: 0.0,
             fine: Vec::new(),
@@ -79,7 +85,19 @@ impl BakedTape {
 
     /// Sample of the unmodulated tape.
     pub fn raw(&self, index: usize) -> [f32; 2] {
-        self.raw[index % TAPE_LENGTH]
+        let index = index % TAPE_LENGTH;
+        [self.raw[0][index], self.raw[1][index]]
+    }
+
+    /// So many samples of it in a row.
+    #[inline(always)]
+    pub fn raw_parts<const N: usize>(&self, index: usize) -> [[f32; N]; 2] {
+        const { assert!(N <= RAW_MARGIN) };
+        let mut parts = [[0.0; N]; 2];
+        for (out, part) in parts.iter_mut().zip(&self.raw) {
+            out.copy_from_slice(&part[index % TAPE_LENGTH..][..N]);
+        }
+        parts
     }
 
     /// exp(+i·2k·q·step), q below the tape's length.
@@ -133,7 +151,7 @@ impl BakedTape {
         }
         for sample in 0..length {
             let [cos, sin] = product(self.coarse[sample / STRETCH], self.fine[sample % STRETCH]);
-            let [re, im] = self.raw[(sample + TAPE_LENGTH - DELAY_REACH) % TAPE_LENGTH].map(f64::from);
+            let [re, im] = self.raw(sample + TAPE_LENGTH - DELAY_REACH).map(f64::from);
             self.modulated[0].push((re * cos + im * sin) as f32);
             self.modulated[1].push((im * cos - re * sin) as f32);
         }
