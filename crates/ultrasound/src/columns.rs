@@ -6,7 +6,7 @@ use sonoloop_types::{ColumnSegment, ProbeSpec, Tissue};
 
 use crate::{
     beam::{NEPER_PER_DB, amplitude_from_db},
-    boundary::{Boundary, Facet, PLANE_LEVEL_DB, ROUGH_SHARE_DB, facets},
+    boundary::{Boundary, Facet, Mirror, PLANE_LEVEL_DB, ROUGH_SHARE_DB, facets},
     lattice::{Lattice, mix},
     table::Table,
 };
@@ -93,8 +93,8 @@ pub struct Columns {
     boundaries: Vec<Boundary>,
     boundaries_of: Table<Range>,
     facets: Vec<Facet>,
-    /// Their depths once more, closer together.
-    facet_z_m: Vec<f64>,
+    /// What each of them reflects.
+    mirrors: Vec<Mirror>,
     facets_of: Table<FacetRange>,
     segments: Vec<ColumnSegment>,
 }
@@ -136,7 +136,7 @@ impl Columns {
             boundaries: Vec::new(),
             boundaries_of: Table::new(half),
             facets: Vec::new(),
-            facet_z_m: Vec::new(),
+            mirrors: Vec::new(),
             facets_of: Table::new(half),
             segments: Vec::new(),
         }
@@ -208,12 +208,15 @@ impl Columns {
             let spacing_m = self.lattice.spacing_m();
             let reverberates = self.reverberates;
             let found = facets(&own, spacing_m, [ix, iy], reverberates, |ix, iy| self.boundaries(ix, iy));
-            self.facets.extend(found);
-            self.facet_z_m.extend(self.facets[first..].iter().map(|facet| facet.z_m));
+            for (facet, mirror) in found {
+                self.facets.push(facet);
+                self.mirrors.push(mirror);
+            }
         }
         let range = Range { first: first as u32, count: (self.facets.len() - first) as u32 };
-        let depths =
-            self.facets[first..].iter().fold(0, |all, facet| all | self.depths(facet.z_m, facet.z_m));
+        let depths = self.facets[first..]
+            .iter()
+            .fold(0, |all, facet| all | self.depths(f64::from(facet.z_m), f64::from(facet.z_m)));
         self.facets_of.set(ix, iy, FacetRange { range, depths });
     }
 
@@ -224,16 +227,28 @@ impl Columns {
         (u64::MAX << first) & (u64::MAX >> (63 - last))
     }
 
-    /// The facets of a column's boundaries between two depths, phantom frame; none outside the phantom. They were learnt.
+    /// The facets of a column's boundaries between two depths, phantom frame, and their places; none outside the phantom. They
+    /// were learnt.
     #[inline]
-    pub fn facets(&self, ix: i32, iy: i32, low_z_m: f64, high_z_m: f64) -> impl Iterator<Item = &Facet> {
+    pub fn facets(
+        &self,
+        ix: i32,
+        iy: i32,
+        low_z_m: f64,
+        high_z_m: f64,
+    ) -> impl Iterator<Item = (usize, &Facet)> {
         let FacetRange { range, depths } = self.facets_of.get(ix, iy);
         let any = low_z_m <= high_z_m && depths & self.depths(low_z_m, high_z_m) != 0;
         let first = range.first as usize;
         let places = first..if any { first + range.count as usize } else { first };
-        let within = move |&(_, z_m): &(usize, &f64)| (low_z_m..=high_z_m).contains(z_m);
-        let depths = self.facet_z_m[places.clone()].iter();
-        places.zip(depths).filter(within).map(|(place, _)| &self.facets[place])
+        let within = move |(_, facet): &(usize, &Facet)| (low_z_m..=high_z_m).contains(&f64::from(facet.z_m));
+        let facets = self.facets[places.clone()].iter();
+        places.zip(facets).filter(within)
+    }
+
+    /// What a facet reflects, by its place.
+    pub fn mirror(&self, place: usize) -> &Mirror {
+        &self.mirrors[place]
     }
 
     fn boundaries(&mut self, ix: i32, iy: i32) -> Vec<Boundary> {
