@@ -18,7 +18,7 @@
 //! along the phantom's columns: lines one pixel apart, sheared with the tilt, rows one lattice step apart.
 //! Along a column the line fraction, the depth fraction and the phase are then constant, and a column is one
 //! multiply-add of a shared noise tape into two lines. Where a probe presses ([`sonoloop_types::Indentation`]) columns
-//! bend, and scatterers are added by eights instead; that takes seven to eight times as long.
+//! bend, and scatterers are added by eights instead; that takes four to five times as long.
 //!
 //! | file | does |
 //! |---|---|

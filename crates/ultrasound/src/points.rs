@@ -1,8 +1,8 @@
 //! Moved tissue: scatterer by scatterer, each where it has gone.
 //!
 //! Columns are straight no more, so no table serves them all; what is kept are the grid, the delay filters that spread a
-//! scatterer over rows, and the beam filters after that. Eight scatterers of a column go together: between the first and
-//! the last of them (0.5 mm) their motion is taken as even.
+//! scatterer over rows, and the beam filters after that. Eight scatterers of a column go together: from the first to the
+//! next group's first (0.6 mm) their motion is taken as even.
 
 use rayon::prelude::*;
 use sonoloop_types::Pose;
