@@ -27,6 +27,8 @@ pub struct AxialScratch {
     lateral: LateralScratch,
     ring: Vec<f32>,
     delays_m: Vec<f32>,
+    /// The same in steps.
+    steps: Vec<i64>,
     groups: Vec<Group>,
     /// Of each fraction of a row that a place lies past its `first_row`.
     taps: Vec<[f32; TAPS]>,
@@ -74,19 +76,21 @@ impl AxialScratch {
             }
             filled = Some(next);
             let (out_re, out_im) = out.split_at_mut(columns);
+            // Lines whose delays differ by more than the rows kept lose part of their pulse.
+            let first_kept = lowest.max(next.saturating_sub(rows_kept));
+            let mut kept: [&[f32]; RING_WITH_DELAYS] = [&[]; RING_WITH_DELAYS];
+            for (row, kept) in (first_kept..next).zip(&mut kept) {
+                *kept = &self.ring[row % rows_kept * 2 * columns..][..2 * columns];
+            }
             for group in &self.groups {
-                // Lines whose delays differ by more than the rows kept lose part of their pulse.
-                let low = clip(group.first_row).max(next.saturating_sub(rows_kept));
+                let low = clip(group.first_row).max(first_kept);
                 let high = clip(group.first_row + count).max(low);
-                let mut sources: [&[f32]; TAPS] = [&[]; TAPS];
-                for (row, source) in (low..high).zip(&mut sources) {
-                    *source = &self.ring[row % rows_kept * 2 * columns..][..2 * columns];
-                }
+                let sources = &kept[low - first_kept..high - first_kept];
                 let skipped = (low as i64 - group.first_row).clamp(0, count) as usize;
                 let taps = &self.taps[group.fraction][skipped..][..high - low];
                 let Group { first, end, .. } = *group;
-                weighted_sum(*instructions, taps, &sources, first, &mut out_re[first..end]);
-                weighted_sum(*instructions, taps, &sources, columns + first, &mut out_im[first..end]);
+                weighted_sum(*instructions, taps, sources, first, &mut out_re[first..end]);
+                weighted_sum(*instructions, taps, sources, columns + first, &mut out_im[first..end]);
             }
             if paths.any_delay {
                 // The carrier is late as well.
@@ -136,11 +140,12 @@ impl AxialScratch {
         self.delays_m.resize(columns / DELAY_BLOCK, 0.0);
         paths.delays_of_row(row, &mut self.delays_m);
         let step_m = DELAY_STEP_PX * spacing_m as f32;
-        let steps = |delay_m: f32| floor(f64::from(delay_m / step_m) + 0.5);
+        self.steps.clear();
+        self.steps.extend(self.delays_m.iter().map(|&delay_m| floor(f64::from(delay_m / step_m) + 0.5)));
         let mut first = 0;
-        for same in self.delays_m.chunk_by(|a, b| steps(*a) == steps(*b)) {
+        for same in self.steps.chunk_by(i64::eq) {
             let end = first + same.len() * DELAY_BLOCK;
-            self.groups.push(group(first, end, steps(same[0]) as f64 * f64::from(step_m)));
+            self.groups.push(group(first, end, same[0] as f64 * f64::from(step_m)));
             first = end;
         }
     }

@@ -14,7 +14,7 @@ use crate::{
     fast::exp_minus,
     lattice::Lattice,
     motion::Motion,
-    shear::Shear,
+    shear::{Shear, Slab},
 };
 
 /// Echo of a plane that reflects all, at normal incidence, over unit speckle. [derived] A backscatter coefficient of
@@ -69,15 +69,22 @@ impl Boundary {
     }
 }
 
-/// A patch of a surface around a column of the lattice.
+/// A patch of a surface around a column of the lattice: what tells whether it shows. It is small, as most do not and the time
+/// goes into fetching them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
-    pub z_m: f64,
-    /// dz/dx and dz/dy, phantom frame.
-    pub slope: [f64; 2],
-    pub reflection: f64,
+    /// Depth in the phantom frame, negative; to 4 nm, or 3e-4 rad of the echo's phase.
+    pub z_m: f32,
     /// ln of the mirror's level over unit speckle.
-    pub level_np: f64,
+    pub level_np: f32,
+    /// dz/dx and dz/dy, phantom frame.
+    pub slope: [f32; 2],
+}
+
+/// What a facet reflects.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mirror {
+    pub reflection: f64,
     /// Distance of the echoes between this face and the next, and their ratio; 0 without.
     pub spacing_m: f64,
     pub ratio: f64,
@@ -90,7 +97,7 @@ pub fn facets(
     [ix, iy]: [i32; 2],
     reverberates: bool,
     mut boundaries: impl FnMut(i32, i32) -> Vec<Boundary>,
-) -> Vec<Facet> {
+) -> Vec<(Facet, Mirror)> {
     // The rows beside this one are shifted by half a column.
     let left = ix - 1 + (iy & 1);
     let around = [
@@ -133,14 +140,17 @@ pub fn facets(
         // Faces that are not parallel send the sound away sideways.
         let far_face = own.get(index + 1).filter(|next| parallel && next.between[0] == boundary.between[1]);
         let ratio = far_face.map_or(0.0, |face| (boundary.reflection * face.reflection).abs());
-        Some(Facet {
-            z_m: boundary.z_m,
-            slope: [(xr * yy - yr * xy) / determinant, (yr * xx - xr * xy) / determinant],
+        let facet = Facet {
+            z_m: boundary.z_m as f32,
+            level_np: (PLANE_LEVEL_DB * NEPER_PER_DB + libm::log(boundary.reflection.abs())) as f32,
+            slope: [xr * yy - yr * xy, yr * xx - xr * xy].map(|v| (v / determinant) as f32),
+        };
+        let mirror = Mirror {
             reflection: boundary.reflection,
-            level_np: PLANE_LEVEL_DB * NEPER_PER_DB + libm::log(boundary.reflection.abs()),
             spacing_m: boundary.thickness_m,
             ratio: if reverberates && ratio >= MIN_REVERBERATION { ratio } else { 0.0 },
-        })
+        };
+        Some((facet, mirror))
     });
     facets.collect()
 }
@@ -151,16 +161,11 @@ fn window_m(lattice: &Lattice) -> f64 {
     WINDOW * dy_m
 }
 
-/// How far from the plane columns may stand whose facets are drawn: moved ones come from farther away.
-fn reach_m(lattice: &Lattice, motion: Option<&Motion>) -> f64 {
-    WINDOW_REACH * window_m(lattice) + motion.map_or(0.0, Motion::reach_m)
-}
-
-/// Range of e′ of those columns.
-pub fn elevations_m(lattice: &Lattice, shear: &Shear, motion: Option<&Motion>) -> [f64; 2] {
-    let reach_m = reach_m(lattice, motion);
+/// Where columns stand whose facets are drawn; moved ones come from farther away.
+pub fn slab(lattice: &Lattice, shear: &Shear, motion: Option<&Motion>) -> Slab {
+    let reach_m = WINDOW_REACH * window_m(lattice) + motion.map_or(0.0, |motion| motion.reach_m(shear));
     let drift_m = -shear.elevation_slope * shear.rows as f64 * shear.row_step_m;
-    [drift_m.min(0.0) - reach_m, drift_m.max(0.0) + reach_m]
+    Slab { elevations_m: [drift_m.min(0.0) - reach_m, drift_m.max(0.0) + reach_m], reach_m }
 }
 
 /// Appends the echoes of the facets near the plane of the picture.
@@ -180,21 +185,23 @@ pub fn add_echoes(
     let window_m = window_m(lattice);
     let plane = amplitude_from_db(PLANE_LEVEL_DB);
     let level = plane * dx_m * dy_m * down.z.abs() / (core::f64::consts::TAU * window_m);
-    let (reach_m, moved_reach_m) = (WINDOW_REACH * window_m, reach_m(lattice, motion));
-    for [ix, iy] in shear.columns_across(elevations_m(lattice, shear, motion)) {
+    let reach_m = WINDOW_REACH * window_m;
+    let slab = slab(lattice, shear, motion);
+    for [ix, iy] in shear.columns_across(slab) {
         // Only where the column is near the plane.
         let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
         let [high_m, low_m] =
-            shear.elevations_at(e_m, moved_reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
-        for facet in columns.facets(ix, iy, low_m, high_m) {
-            let row = top_row + lattice.index_at(facet.z_m);
+            shear.elevations_at(e_m, slab.reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
+        for (place, &Facet { z_m, level_np, slope }) in columns.facets(ix, iy, low_m, high_m) {
+            let (rest_z_m, slope) = (f64::from(z_m), slope.map(f64::from));
+            let row = top_row + lattice.index_at(rest_z_m);
             let mut z_m = row * shear.row_step_m;
             let mut e_m = e_m + shear.elevation_slope * z_m;
             let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
-            let mut normal = Vector::new(-facet.slope[0], -facet.slope[1], 1.0);
+            let mut normal = Vector::new(-slope[0], -slope[1], 1.0);
             if let Some(motion) = motion {
                 let [column_x_m, column_y_m] = lattice.column_m(ix, iy);
-                let moved = moved(motion, Point::new(column_x_m, column_y_m, facet.z_m), facet.slope);
+                let moved = moved(motion, Point::new(column_x_m, column_y_m, rest_z_m), slope);
                 [x_m, e_m, z_m] = [(x_m, lateral), (e_m, elevational), (z_m, down)]
                     .map(|(at_rest_m, axis)| at_rest_m + moved.by_m.dot(&axis));
                 normal = moved.normal;
@@ -208,7 +215,7 @@ pub fn add_echoes(
             let sigma_m = [beam.sigma_lateral_m * beam.widening(x_m, z_m), beam.sigma_elevation_m(z_m)];
             let turns = [g_l * sigma_m[0], g_e * sigma_m[1]].map(|v| beam.two_k_rad_m * v);
             let fade = -0.5 * (turns[0] * turns[0] + turns[1] * turns[1]);
-            let seen_np = facet.level_np + fade;
+            let seen_np = f64::from(level_np) + fade;
             if seen_np.is_nan() || seen_np < LEAST_NP {
                 continue;
             }
@@ -216,14 +223,15 @@ pub fn add_echoes(
             let across = f64::from(exp_minus((0.5 * (u * u + turns[1] * turns[1])) as f32));
             let amplitude = level * across / sigma_m[0];
             let patch = Patch { x_m, z_m: z_m - g_e * e_m, slope: g_l };
-            patch.add(beam, dx_m, amplitude * facet.reflection, 0.0, echoes);
-            if facet.ratio > 0.0 {
+            let mirror = columns.mirror(place);
+            patch.add(beam, dx_m, amplitude * mirror.reflection, 0.0, echoes);
+            if mirror.ratio > 0.0 {
                 // Once through the near face and back, and off the far one; the first such echo is that face's own.
-                let far = facet.ratio / facet.reflection.abs();
-                let mut late = amplitude * (1.0 - facet.reflection * facet.reflection) * far;
+                let far = mirror.ratio / mirror.reflection.abs();
+                let mut late = amplitude * (1.0 - mirror.reflection * mirror.reflection) * far;
                 for bounce in 2..=REVERBERATIONS {
-                    late *= facet.ratio;
-                    patch.add(beam, dx_m, late, f64::from(bounce) * facet.spacing_m, echoes);
+                    late *= mirror.ratio;
+                    patch.add(beam, dx_m, late, f64::from(bounce) * mirror.spacing_m, echoes);
                 }
             }
         }

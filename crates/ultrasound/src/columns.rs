@@ -6,14 +6,13 @@ use sonoloop_types::{ColumnSegment, ProbeSpec, Tissue};
 
 use crate::{
     beam::{NEPER_PER_DB, amplitude_from_db},
-    boundary::{Boundary, Facet, PLANE_LEVEL_DB, ROUGH_SHARE_DB, facets},
+    boundary::{Boundary, Facet, Mirror, PLANE_LEVEL_DB, ROUGH_SHARE_DB, facets},
     lattice::{Lattice, mix},
+    table::Table,
 };
 
-const TILE: i32 = 32;
-const UNKNOWN: u32 = u32::MAX;
 /// Columns beyond this index are outside any phantom: half of the 1 m that a file may state is 31 600 of the closest columns,
-/// 15.8 µm apart (1.62 σ of the beam at 25 MHz, F# 0.5 and 1300 m/s). It bounds the tables of tiles: 32 MB each.
+/// 15.8 µm apart (1.62 σ of the beam at 25 MHz, F# 0.5 and 1300 m/s). It bounds the tables: 32 MB each.
 const MAX_INDEX: i32 = 32_768;
 
 /// Beyond these no material slows sound down or speeds it up, as assumed over true speed minus one: depths must
@@ -24,11 +23,18 @@ const FASTEST: f64 = -0.8;
 const ROUGH_OVER_SPECKLE: f32 = 0.05;
 const ROUGH_FLOOR: f32 = 1e-3;
 
-/// A stretch of one material, in scatterer indices of its column: `start..end`.
+/// Scatterers of a column down to `end`, exclusive, from where the layer above ends. Layers follow one another without gaps
+/// from the first scatterer on, and are small, as most of the time goes into fetching them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stretch {
-    pub start: i32,
+pub struct Layer {
     pub end: i32,
+    /// Which [`Filling`] it has, see [`Columns::filling`].
+    filling: u32,
+}
+
+/// What a layer is made of.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Filling {
     /// Scatter amplitude relative to unit backscatter; 0 where nothing scatters.
     pub amplitude: f32,
     /// One-way attenuation at the probe's centre frequency.
@@ -39,57 +45,22 @@ pub struct Stretch {
     pub delay: f32,
 }
 
-/// Place of a column's stretches, see [`Columns::stretches`].
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Index of the filling of what is no tissue.
+const NOTHING: u32 = 0;
+
+/// Place of a column's layers, see [`Columns::layers`].
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Range {
     first: u32,
     count: u32,
 }
 
-const EMPTY: Range = Range { first: 0, count: 0 };
-const UNREAD: Range = Range { first: UNKNOWN, count: 0 };
-
-type Tile = [Range; (TILE * TILE) as usize];
-
-/// A range for every column, in tiles that are made when one of their columns is asked for.
-struct Table {
-    /// Columns exist for −half ≤ index < half, along x and y.
-    half: [i32; 2],
-    tiles: Vec<Option<Box<Tile>>>,
-}
-
-impl Table {
-    fn new(half: [i32; 2]) -> Self {
-        let [across, along] = half.map(|h| (2 * h / TILE) as usize);
-        Self { half, tiles: (0..across * along).map(|_| None).collect() }
-    }
-
-    /// Index of a column's tile, and of the column in it; `None` outside.
-    #[inline]
-    fn place(&self, ix: i32, iy: i32) -> Option<[usize; 2]> {
-        let [hx, hy] = self.half;
-        if ix < -hx || ix >= hx || iy < -hy || iy >= hy {
-            return None;
-        }
-        let (i, j, side) = ((ix + hx) as usize, (iy + hy) as usize, TILE as usize);
-        Some([j / side * (2 * hx / TILE) as usize + i / side, j % side * side + i % side])
-    }
-
-    #[inline]
-    fn entry(&mut self, ix: i32, iy: i32) -> Option<&mut Range> {
-        let [tile, column] = self.place(ix, iy)?;
-        let tile = self.tiles[tile].get_or_insert_with(|| Box::new([UNREAD; (TILE * TILE) as usize]));
-        Some(&mut tile[column])
-    }
-
-    /// An entry that was made before; an empty range outside.
-    #[inline]
-    fn known(&self, ix: i32, iy: i32) -> Range {
-        let Some([tile, column]) = self.place(ix, iy) else { return EMPTY };
-        let range = self.tiles[tile].as_ref().map_or(UNREAD, |tile| tile[column]);
-        debug_assert!(range.first != UNKNOWN, "column {ix}, {iy} was not learnt");
-        if range.first == UNKNOWN { EMPTY } else { range }
-    }
+/// Place of a column's facets.
+#[derive(Debug, Clone, Copy, Default)]
+struct FacetRange {
+    range: Range,
+    /// Which 64ths of the phantom's thickness they lie in: most columns are only looked at for this.
+    depths: u64,
 }
 
 /// What the picture needs of a material.
@@ -104,22 +75,27 @@ struct Medium {
 /// Tissue as seen by the lattice.
 pub struct Columns {
     tissue: Tissue,
+    /// 64ths of the phantom's thickness per metre.
+    depths_per_m: f64,
     lattice: Lattice,
     media: Vec<Medium>,
     draws_boundaries: bool,
     draws_speckle: bool,
     reverberates: bool,
-    stretches: Vec<Stretch>,
-    stretches_of: Table,
-    /// Where stretches of a hash are kept: neighbouring columns often have the same ones, and what is kept once stays in
+    layers: Vec<Layer>,
+    layers_of: Table<Range>,
+    fillings: Vec<Filling>,
+    /// Index of a filling, by its bits.
+    filling_of: HashMap<[u32; 4], u32>,
+    /// Where layers of a hash are kept: neighbouring columns often have the same ones, and what is kept once stays in
     /// the caches.
     kept: HashMap<u64, Range>,
     boundaries: Vec<Boundary>,
-    boundaries_of: Table,
+    boundaries_of: Table<Range>,
     facets: Vec<Facet>,
-    /// Their depths once more: most are only looked at for these.
-    facet_z_m: Vec<f64>,
-    facets_of: Table,
+    /// What each of them reflects.
+    mirrors: Vec<Mirror>,
+    facets_of: Table<FacetRange>,
     segments: Vec<ColumnSegment>,
 }
 
@@ -142,22 +118,25 @@ impl Columns {
             let spacing_m = [lattice.column_spacing_m, lattice.row_spacing_m][axis];
             // One more than fits, for the rows that are shifted.
             let columns = (tissue.size_m()[axis] / 2.0 / spacing_m).ceil() + 1.0;
-            ((columns as i32).clamp(0, MAX_INDEX) + TILE - 1) / TILE * TILE
+            (columns as i32).clamp(0, MAX_INDEX)
         });
         Self {
+            depths_per_m: 64.0 / tissue.size_m()[2],
             tissue,
             lattice,
             media,
             draws_boundaries: effects.boundaries,
             draws_speckle: effects.speckle,
             reverberates: effects.reverberation,
-            stretches: Vec::new(),
-            stretches_of: Table::new(half),
+            layers: Vec::new(),
+            layers_of: Table::new(half),
+            fillings: vec![Filling::default()],
+            filling_of: HashMap::new(),
             kept: HashMap::new(),
             boundaries: Vec::new(),
             boundaries_of: Table::new(half),
             facets: Vec::new(),
-            facet_z_m: Vec::new(),
+            mirrors: Vec::new(),
             facets_of: Table::new(half),
             segments: Vec::new(),
         }
@@ -165,7 +144,7 @@ impl Columns {
 
     /// Column indices exist in `−half..half` along x and y.
     pub fn half(&self) -> [i32; 2] {
-        self.stretches_of.half
+        self.layers_of.half()
     }
 
     /// Height of the phantom.
@@ -173,31 +152,40 @@ impl Columns {
         self.tissue.size_m()[2]
     }
 
-    /// The stretches of a column from the top down.
-    pub fn stretches(&self, range: Range) -> &[Stretch] {
-        &self.stretches[range.first as usize..][..range.count as usize]
+    /// The layers of a column from the top down; none outside the phantom.
+    #[inline]
+    pub fn layers(&self, range: Range) -> &[Layer] {
+        &self.layers[range.first as usize..][..range.count as usize]
     }
 
-    /// Those of a column's stretches that scatterers `from..to` lie in.
-    pub fn between(&self, range: Range, from: i32, to: i32) -> (Range, &[Stretch]) {
-        let all = self.stretches(range);
-        let first = all.iter().take_while(|stretch| stretch.end <= from).count();
-        let count = all[first..].iter().take_while(|stretch| stretch.start < to).count();
+    /// What a layer is made of.
+    #[inline]
+    pub fn filling(&self, layer: Layer) -> &Filling {
+        &self.fillings[layer.filling as usize]
+    }
+
+    /// Those of a column's layers that scatterers `from..to` lie in.
+    #[inline]
+    pub fn between(&self, range: Range, from: i32, to: i32) -> (Range, &[Layer]) {
+        let all = self.layers(range);
+        let first = all.iter().take_while(|layer| layer.end <= from).count();
+        let inner = all[first..].iter().take_while(|layer| layer.end < to).count();
+        let count = (inner + 1).min(all.len() - first);
         (Range { first: range.first + first as u32, count: count as u32 }, &all[first..first + count])
     }
 
-    /// Asks for what the other functions tell of a column.
-    #[inline]
-    pub fn learn(&mut self, ix: i32, iy: i32) {
-        if self.stretches_of.entry(ix, iy).is_some_and(|range| range.first == UNKNOWN) {
+    /// Asks for what the other functions tell of some columns of a row.
+    pub fn learn(&mut self, mut columns: core::ops::Range<i32>, iy: i32) {
+        while let Some(ix) = self.layers_of.first_unset(columns.clone(), iy) {
             self.read(ix, iy);
+            columns.start = ix + 1;
         }
     }
 
-    /// Where the stretches of a column are kept; an empty range outside the phantom. The column was learnt.
+    /// Where the layers of a column are kept; an empty range outside the phantom. The column was learnt.
     #[inline]
     pub fn get(&self, ix: i32, iy: i32) -> Range {
-        self.stretches_of.known(ix, iy)
+        self.layers_of.get(ix, iy)
     }
 
     /// Scatterers of a column through the whole phantom, at most.
@@ -205,39 +193,67 @@ impl Columns {
         (self.thickness_m() / self.lattice.depth_step_m).ceil() as usize + 1
     }
 
-    /// Asks for what [`Self::facets`] tells of a column.
-    #[inline]
-    pub fn learn_facets(&mut self, ix: i32, iy: i32) {
-        if self.facets_of.entry(ix, iy).is_none_or(|range| range.first != UNKNOWN) {
-            return;
+    /// Asks for what [`Self::facets`] tells of some columns of a row.
+    pub fn learn_facets(&mut self, mut columns: core::ops::Range<i32>, iy: i32) {
+        while let Some(ix) = self.facets_of.first_unset(columns.clone(), iy) {
+            self.find_facets(ix, iy);
+            columns.start = ix + 1;
         }
+    }
+
+    fn find_facets(&mut self, ix: i32, iy: i32) {
         let own = self.boundaries(ix, iy);
         let first = self.facets.len();
         if !own.is_empty() {
             let spacing_m = self.lattice.spacing_m();
             let reverberates = self.reverberates;
             let found = facets(&own, spacing_m, [ix, iy], reverberates, |ix, iy| self.boundaries(ix, iy));
-            self.facets.extend(found);
-            self.facet_z_m.extend(self.facets[first..].iter().map(|facet| facet.z_m));
+            for (facet, mirror) in found {
+                self.facets.push(facet);
+                self.mirrors.push(mirror);
+            }
         }
         let range = Range { first: first as u32, count: (self.facets.len() - first) as u32 };
-        if let Some(entry) = self.facets_of.entry(ix, iy) {
-            *entry = range;
-        }
+        let depths = self.facets[first..]
+            .iter()
+            .fold(0, |all, facet| all | self.depths(f64::from(facet.z_m), f64::from(facet.z_m)));
+        self.facets_of.set(ix, iy, FacetRange { range, depths });
     }
 
-    /// The facets of a column's boundaries between two depths, phantom frame; none outside the phantom. They were learnt.
-    pub fn facets(&self, ix: i32, iy: i32, low_z_m: f64, high_z_m: f64) -> impl Iterator<Item = &Facet> {
-        let range = self.facets_of.known(ix, iy);
-        let range = range.first as usize..(range.first + range.count) as usize;
-        let within = move |&(_, z_m): &(usize, &f64)| (low_z_m..=high_z_m).contains(z_m);
-        let depths = self.facet_z_m[range.clone()].iter();
-        range.zip(depths).filter(within).map(|(index, _)| &self.facets[index])
+    /// Bits of the 64ths of the phantom's thickness between two depths, phantom frame.
+    #[inline]
+    fn depths(&self, low_z_m: f64, high_z_m: f64) -> u64 {
+        let [first, last] = [high_z_m, low_z_m].map(|z_m| (-z_m * self.depths_per_m).clamp(0.0, 63.0) as u32);
+        (u64::MAX << first) & (u64::MAX >> (63 - last))
+    }
+
+    /// The facets of a column's boundaries between two depths, phantom frame, and their places; none outside the phantom. They
+    /// were learnt.
+    #[inline]
+    pub fn facets(
+        &self,
+        ix: i32,
+        iy: i32,
+        low_z_m: f64,
+        high_z_m: f64,
+    ) -> impl Iterator<Item = (usize, &Facet)> {
+        let FacetRange { range, depths } = self.facets_of.get(ix, iy);
+        let any = low_z_m <= high_z_m && depths & self.depths(low_z_m, high_z_m) != 0;
+        let first = range.first as usize;
+        let places = first..if any { first + range.count as usize } else { first };
+        let within = move |(_, facet): &(usize, &Facet)| (low_z_m..=high_z_m).contains(&f64::from(facet.z_m));
+        let facets = self.facets[places.clone()].iter();
+        places.zip(facets).filter(within)
+    }
+
+    /// What a facet reflects, by its place.
+    pub fn mirror(&self, place: usize) -> &Mirror {
+        &self.mirrors[place]
     }
 
     fn boundaries(&mut self, ix: i32, iy: i32) -> Vec<Boundary> {
-        self.learn(ix, iy);
-        let range = self.boundaries_of.known(ix, iy);
+        self.learn(ix..ix + 1, iy);
+        let range = self.boundaries_of.get(ix, iy);
         self.boundaries[range.first as usize..][..range.count as usize].to_vec()
     }
 
@@ -245,9 +261,10 @@ impl Columns {
     fn read(&mut self, ix: i32, iy: i32) {
         let [x_m, y_m] = self.lattice.column_m(ix, iy);
         self.tissue.column(x_m, y_m, &mut self.segments);
-        let (first, first_boundary) = (self.stretches.len(), self.boundaries.len());
+        let (first, first_boundary) = (self.layers.len(), self.boundaries.len());
         let mut above: Option<(u16, Medium)> = None;
-        for segment in &self.segments {
+        let segments = core::mem::take(&mut self.segments);
+        for segment in &segments {
             let Some(&medium) = self.media.get(usize::from(segment.material)) else { continue };
             let Medium { amplitude, loss_np_m, delay, impedance } = medium;
             let start = self.lattice.first_below(segment.top_z_m);
@@ -259,56 +276,59 @@ impl Columns {
                 thickness_m: (segment.top_z_m - segment.bottom_z_m) * (1.0 + f64::from(delay)),
             });
             let scattered = if self.draws_speckle { amplitude } else { 0.0 };
-            let mut stretch =
-                Stretch { start, end, amplitude: scattered, loss_np_m, entry_loss_np: 0.0, delay };
+            let mut filling = Filling { amplitude: scattered, loss_np_m, entry_loss_np: 0.0, delay };
+            self.push(first, start, Filling::default());
             if let (Some(boundary), Some((_, above))) = (boundary, above) {
                 let reflected = boundary.reflection.abs() * amplitude_from_db(PLANE_LEVEL_DB);
                 let rough = (reflected * amplitude_from_db(ROUGH_SHARE_DB)) as f32;
                 let beside = amplitude.max(above.amplitude);
+                filling.entry_loss_np = boundary.entry_loss_np() as f32;
                 if start < end && rough * rough > ROUGH_FLOOR.max(ROUGH_OVER_SPECKLE * beside * beside) {
                     // The surface is one layer of stronger scatterers.
                     let surface = (rough * rough + scattered * scattered).sqrt();
-                    let entry_loss_np = boundary.entry_loss_np() as f32;
-                    self.stretches.push(Stretch {
-                        end: start + 1,
-                        amplitude: surface,
-                        entry_loss_np,
-                        ..stretch
-                    });
-                    stretch.start += 1;
-                } else {
-                    stretch.entry_loss_np = boundary.entry_loss_np() as f32;
+                    self.push(first, start + 1, Filling { amplitude: surface, ..filling });
+                    filling.entry_loss_np = 0.0;
                 }
                 if boundary.shows() {
                     self.boundaries.push(boundary);
                 }
             }
-            if stretch.start < stretch.end {
-                self.stretches.push(stretch);
-            }
+            self.push(first, end, filling);
             above = Some((segment.material, medium));
         }
+        self.segments = segments;
+        if self.layers.len() > first {
+            self.layers.push(Layer { end: i32::MAX, filling: NOTHING });
+        }
         let range = |first: usize, end: usize| Range { first: first as u32, count: (end - first) as u32 };
-        let stretches = self.keep_once(range(first, self.stretches.len()));
+        let layers = self.keep_once(range(first, self.layers.len()));
         let boundaries = range(first_boundary, self.boundaries.len());
-        for (table, range) in [(&mut self.stretches_of, stretches), (&mut self.boundaries_of, boundaries)] {
-            if let Some(entry) = table.entry(ix, iy) {
-                *entry = range;
-            }
+        self.layers_of.set(ix, iy, layers);
+        self.boundaries_of.set(ix, iy, boundaries);
+    }
+
+    /// Goes on with a column, whose layers begin at `first`, down to `end`.
+    fn push(&mut self, first: usize, end: i32, filling: Filling) {
+        let from = self.layers[first..].last().map_or(0, |layer| layer.end);
+        if from < end {
+            let Filling { amplitude, loss_np_m, entry_loss_np, delay } = filling;
+            let bits = [amplitude, loss_np_m, entry_loss_np, delay].map(f32::to_bits);
+            let filling = *self.filling_of.entry(bits).or_insert_with(|| {
+                self.fillings.push(filling);
+                self.fillings.len() as u32 - 1
+            });
+            self.layers.push(Layer { end, filling });
         }
     }
 
-    /// The place of stretches that were just appended, or of the same ones kept before.
+    /// The place of layers that were just appended, or of the same ones kept before.
     fn keep_once(&mut self, range: Range) -> Range {
-        let new = self.stretches(range);
-        let hash = new.iter().fold(0, |hash, s| {
-            let place = u64::from(s.start as u32) << 32 | u64::from(s.end as u32);
-            let medium = u64::from(s.amplitude.to_bits()) << 32 | u64::from(s.loss_np_m.to_bits());
-            mix(mix(hash ^ place) ^ medium)
-        });
+        let new = self.layers(range);
+        let bits = |layer: &Layer| u64::from(layer.end as u32) << 32 | u64::from(layer.filling);
+        let hash = new.iter().fold(0, |hash, layer| mix(hash ^ bits(layer)));
         match self.kept.get(&hash) {
-            Some(&kept) if self.stretches(kept) == new => {
-                self.stretches.truncate(range.first as usize);
+            Some(&kept) if self.layers(kept) == new => {
+                self.layers.truncate(range.first as usize);
                 kept
             }
             _ => {

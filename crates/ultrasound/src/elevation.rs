@@ -6,7 +6,7 @@ use crate::{
     beam::{Beam, unit_energy_peak},
     fast::{exp_minus, nearest},
     instructions::{Instructions, wide},
-    shear::Shear,
+    shear::{Shear, Slab},
 };
 
 /// Rows between two looks at whether a column is inside the slice; runs start and end at multiples of it.
@@ -52,6 +52,8 @@ pub struct ElevationTable {
     bins_per_m: f64,
     first_bin: i64,
     bins: usize,
+    /// Half the slice's thickness where it is thickest.
+    widest_m: f64,
     blocks: Vec<Block>,
     decay: Vec<f32>,
     peak: Vec<f32>,
@@ -93,6 +95,7 @@ impl ElevationTable {
         self.first_bin = (low / bin_m).floor() as i64;
         self.bins = ((high / bin_m).ceil() as i64 - self.first_bin + 1) as usize;
         self.blocks.resize_with(self.bins.div_ceil(BLOCK), Block::default);
+        self.widest_m = widest_m;
         let (first_bin, bins) = (self.first_bin, self.bins);
         let profile = Profile {
             instructions,
@@ -110,9 +113,10 @@ impl ElevationTable {
         });
     }
 
-    /// Range of e′ that meets the slice.
-    pub fn range_m(&self) -> [f64; 2] {
-        [self.first_bin, self.first_bin + self.bins as i64 - 1].map(|bin| bin as f64 * self.bin_m)
+    /// Where columns are that meet the slice.
+    pub fn slab(&self) -> Slab {
+        let ends = [self.first_bin, self.first_bin + self.bins as i64 - 1];
+        Slab { elevations_m: ends.map(|bin| bin as f64 * self.bin_m), reach_m: self.widest_m }
     }
 
     /// Where the columns at `e_m` = e′ cross the slice, and where their weights begin; `None` when they miss it.

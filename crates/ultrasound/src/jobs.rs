@@ -9,7 +9,7 @@ use crate::{
     lattice::{Lattice, TAPE_LENGTH},
     shear::Shear,
     splat::BAND,
-    tape::BakedTape,
+    tape::{BakedTape, product},
 };
 
 /// Parts of the lattice's rows that are listed at a time; fixed, though results do not depend on it.
@@ -31,7 +31,7 @@ pub struct Job {
     /// Weights of the slice from row `lo` on.
     pub weights: Weights,
     /// What lies along those rows; `None` where it is one material.
-    pub stretches: Option<Range>,
+    pub layers: Option<Range>,
     /// Phase of the column, times the amplitude of the one material.
     pub re: f32,
     pub im: f32,
@@ -45,10 +45,6 @@ pub struct Jobs {
     phase_x: Vec<[f64; 2]>,
     phase_y: Vec<[f64; 2]>,
     wraps: Vec<[f64; 2]>,
-}
-
-fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
-    [a * c - b * d, a * d + b * c]
 }
 
 impl Jobs {
@@ -127,7 +123,9 @@ impl Listing<'_> {
         let [[ix_min, _], [iy_min, _]] = shear.columns;
         let (sub_delays, per_row) = (tape.sub_delays as i64, tape.sub_delays as f64);
         let lines_per_m = 1.0 / shear.line_pitch_m;
-        for ix in shear.overlap(elevation.range_m(), iy) {
+        let rows_per_delay = 1.0 / per_row;
+        let deepest = columns.most_scatterers() as i64;
+        for ix in shear.overlap(elevation.slab(), iy) {
             let Some((mut weights, runs)) = elevation.crossing(shear.e.at(ix, iy)) else { continue };
             let x_m = shear.x.at(ix, iy);
             let (x_lo, x_hi) = shear.rows_within(x_m, shear.lateral_slope, shear.reach_m);
@@ -140,12 +138,12 @@ impl Listing<'_> {
                 continue;
             }
             let column = columns.get(ix, iy);
-            if columns.stretches(column).is_empty() {
+            if columns.layers(column).is_empty() {
                 continue;
             }
             let delays = nearest(shear.top_row.at(ix, iy) * per_row) + sub_delays / 2;
             // The whole part of delays/sub_delays: exact, as the fraction is never half a row from the middle of one.
-            let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) / per_row);
+            let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) * rows_per_delay);
             let sub_delay = (delays - row_of_0 * sub_delays) as usize;
             let offset = lattice.tape_offset(ix, iy);
             let phase = product(
@@ -156,13 +154,12 @@ impl Listing<'_> {
             let x_lo = x_lo.max(row_of_0 / STRIDE as i64 * STRIDE as i64);
             for run in runs {
                 let (lo, hi) = (x_lo.max(i64::from(run.lo)), x_hi.min(i64::from(run.hi)));
-                if lo >= hi {
+                if lo >= hi || lo - row_of_0 > deepest {
                     continue;
                 }
                 let [from, to] = [lo, hi].map(|row| (row - row_of_0) as i32);
-                let (stretches, amplitude) = match columns.between(column, from, to) {
-                    (_, []) => continue,
-                    (_, [one]) if one.start <= from && to <= one.end => (None, one.amplitude),
+                let (layers, amplitude) = match columns.between(column, from, to) {
+                    (_, &[layer]) => (None, columns.filling(layer).amplitude),
                     (range, _) => (Some(range), 1.0),
                 };
                 if amplitude == 0.0 {
@@ -179,7 +176,7 @@ impl Listing<'_> {
                     tape: (sub_delay * tape.stride + sample % TAPE_LENGTH) as u32,
                     row_of_0: row_of_0 as i32,
                     weights,
-                    stretches,
+                    layers,
                     re: re as f32 * amplitude,
                     im: im as f32 * amplitude,
                 };

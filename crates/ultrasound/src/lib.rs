@@ -18,12 +18,12 @@
 //! along the phantom's columns: lines one pixel apart, sheared with the tilt, rows one lattice step apart.
 //! Along a column the line fraction, the depth fraction and the phase are then constant, and a column is one
 //! multiply-add of a shared noise tape into two lines. Where a probe presses ([`sonoloop_types::Indentation`]) columns
-//! bend, and scatterers are added by eights instead; that takes seven to eight times as long.
+//! bend, and scatterers are added by eights instead; that takes four to five times as long.
 //!
 //! | file | does |
 //! |---|---|
 //! | `beam` | widths, wavelength, units of amplitude |
-//! | `lattice`, `columns` | scatterers of the phantom; materials along a column, cached |
+//! | `lattice`, `columns`, `table` | scatterers of the phantom; materials along a column, cached |
 //! | `tape` | the noise tape, with carrier and sub-row delays of one tilt |
 //! | `shear` | working grid of one pose |
 //! | `elevation` | weights by elevation and row |
@@ -86,6 +86,7 @@ mod renderer;
 mod shear;
 mod splat;
 mod stamp;
+mod table;
 mod tape;
 
 pub use renderer::{Field, Renderer};

@@ -2,6 +2,8 @@
 
 use sonoloop_types::{Indentation, Point, Vector};
 
+use crate::shear::Shear;
+
 /// Distance between the entries of a table. Between them values are linear: at most 40 nm off for a press of 3 mm.
 const STEP_M: f64 = 0.05e-3;
 const STEPS_PER_M: f64 = 1.0 / STEP_M;
@@ -52,9 +54,10 @@ impl Motion {
         self.indentation.most_sideways_m()
     }
 
-    /// The most that tissue goes anywhere.
-    pub fn reach_m(&self) -> f64 {
-        self.indentation.depth_m + 2.0 * self.aside_m()
+    /// The most that tissue comes nearer to the picture's plane along the columns, or goes away from it: what goes down stays
+    /// on its column, which leans by the slope.
+    pub fn reach_m(&self, shear: &Shear) -> f64 {
+        shear.elevation_slope.abs() * self.indentation.depth_m + 2.0 * self.aside_m()
     }
 
     /// [`Indentation::sideways`].

@@ -10,7 +10,7 @@ use sonoloop_types::{Point, Pose, ProbeSpec, Slice, Vector};
 
 use crate::{
     beam::{Beam, pulse_loss_np},
-    columns::{Columns, Stretch},
+    columns::{Columns, Layer},
     contact::Contact,
     fast::{NEPER_PER_POWER_DB, exp_minus, power_db},
     lattice::Lattice,
@@ -149,7 +149,8 @@ impl Paths {
         for i in 0..across {
             let mut point = phantom_from_probe * Point::new(self.plane.knot_x_m(i), 0.0, step_m / 2.0);
             let mut column = None;
-            let mut stretches: &[Stretch] = &[];
+            let mut layers: &[Layer] = &[];
+            let mut top = 0.0;
             let mut moved_m = Vector::zeros();
             for row in 1..self.plane.knots_down() {
                 // What was moved here: a fixed-point step from where the tissue of the knot above had come from.
@@ -160,26 +161,31 @@ impl Paths {
                 let to = from + per_step;
                 if column != Some(indices) {
                     column = Some(indices);
-                    let range = tissue.get(indices[0], indices[1]);
-                    stretches = tissue.stretches(range);
+                    layers = tissue.layers(tissue.get(indices[0], indices[1]));
+                    top = 0.0;
                 }
                 // What is above is not met again by going down.
-                while stretches.first().is_some_and(|stretch| (stretch.end as f32) < from - per_step) {
-                    stretches = &stretches[1..];
+                while let [layer, below @ ..] = layers
+                    && (layer.end as f32) < from - per_step
+                {
+                    (top, layers) = (layer.end as f32, below);
                 }
                 let (mut loss, mut delay, mut entries) = (0.0, 0.0, 0.0);
-                for stretch in stretches {
-                    let (start, end) = (stretch.start as f32, stretch.end as f32);
+                let mut start = top;
+                for &layer in layers {
                     if start > to {
                         break;
                     }
+                    let end = layer.end as f32;
+                    let filling = tissue.filling(layer);
                     let passed_m = (end.min(to) - start.max(from)).max(0.0) * length_m;
-                    loss += passed_m * stretch.loss_np_m;
-                    delay += passed_m * stretch.delay;
+                    loss += passed_m * filling.loss_np_m;
+                    delay += passed_m * filling.delay;
                     // What a surface reflects is lost one step below it, so that its own echo is not dimmed.
                     if from - per_step < start && start <= to - per_step {
-                        entries += stretch.entry_loss_np;
+                        entries += filling.entry_loss_np;
                     }
+                    start = end;
                 }
                 self.step_transmission[row * across + i] = loss + entries;
                 self.step_delay_m[row * across + i] = delay;

@@ -1,8 +1,8 @@
 //! Moved tissue: scatterer by scatterer, each where it has gone.
 //!
 //! Columns are straight no more, so no table serves them all; what is kept are the grid, the delay filters that spread a
-//! scatterer over rows, and the beam filters after that. Eight scatterers of a column go together: between the first and
-//! the last of them (0.5 mm) their motion is taken as even.
+//! scatterer over rows, and the beam filters after that. Eight scatterers of a column go together: from the first to the
+//! next group's first (0.6 mm) their motion is taken as even.
 
 use rayon::prelude::*;
 use sonoloop_types::Pose;
@@ -11,22 +11,25 @@ use crate::{
     beam::Beam,
     columns::{Columns, Range},
     elevation::{ElevationTable, RowProfile},
-    fast::{exp_minus, floor, turn},
+    fast::{exp_minus, floor, nearest_f32, turn},
     instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
-    shear::Shear,
+    shear::{Shear, Slab},
     splat::{BAND, Grid},
     tape::{BakedTape, DELAY_REACH, DELAY_TAPS},
 };
 
 /// Scatterers that go together.
 const GROUP: usize = 8;
-/// Rows that they may reach together, and the most that two of them may lie apart.
-const WINDOW: usize = 24;
+/// Rows that are added at a time, and the most that two of the scatterers may lie apart then; where tissue is strained to
+/// more than its length a group takes two turns.
+const WINDOW: usize = 16;
 const SPREAD: i32 = (WINDOW - DELAY_TAPS) as i32;
+/// The most rows that a group may reach over.
+const MOST_APART: usize = 24;
 /// Rows before the grid's first and after its last that a group may touch.
-const MARGIN: usize = 2 * WINDOW;
+const MARGIN: usize = 2 * MOST_APART;
 
 /// A column of the lattice, and how far its tissue has moved.
 struct Column {
@@ -39,16 +42,17 @@ struct Column {
     down_m: f64,
     aside_m: f64,
     tape: usize,
-    stretches: Range,
+    layers: Range,
 }
 
 /// What all scatterers of a picture share.
 struct Flow {
-    /// [`Motion::by_depth`] of each scatterer of a column.
+    /// [`Motion::by_depth`] of each scatterer of a column, and of a group more.
     by_depth: Vec<[f64; 2]>,
     /// Rows per metre down and aside; metres along lines and in elevation per metre aside.
     rows_per_m: [f64; 2],
     lines_per_aside: f64,
+    lines_per_m: f64,
     elevation_per_aside: f64,
 }
 
@@ -62,11 +66,12 @@ pub struct Points {
     taps: Vec<[f32; 2 * WINDOW]>,
 }
 
-/// Range of e′ at rest that meets the slice.
-pub fn elevations_m(elevation: &ElevationTable, motion: Option<&Motion>) -> [f64; 2] {
-    let margin_m = motion.map_or(0.0, Motion::reach_m);
-    let [low_m, high_m] = elevation.range_m();
-    [low_m - margin_m, high_m + margin_m]
+/// Where columns stand at rest that meet the slice.
+pub fn slab(elevation: &ElevationTable, motion: Option<&Motion>) -> Slab {
+    // What goes down stays on its column's line; e′ changes by what goes aside, see `Motion::aside_m`.
+    let margin_m = motion.map_or(0.0, |motion| 2.0 * motion.aside_m());
+    let Slab { elevations_m: [low_m, high_m], reach_m } = elevation.slab();
+    Slab { elevations_m: [low_m - margin_m, high_m + margin_m], reach_m: reach_m + margin_m }
 }
 
 /// What a scatterer's echo is made of.
@@ -77,6 +82,7 @@ pub struct Model<'a> {
     pub tape: &'a BakedTape,
     pub elevation: &'a ElevationTable,
     pub shear: &'a Shear,
+    pub steps: Steps,
 }
 
 impl Points {
@@ -136,9 +142,9 @@ impl Points {
         self.by_band.iter_mut().for_each(Vec::clear);
         self.by_band.resize_with(shear.lines.div_ceil(BAND), Vec::new);
         let steepest = flow.by_depth.iter().fold(0.0, |most: f64, by_depth| most.max(by_depth[1]));
-        for [ix, iy] in shear.columns_across(elevations_m(elevation, Some(motion))) {
-            let stretches = tissue.get(ix, iy);
-            if tissue.stretches(stretches).is_empty() {
+        for [ix, iy] in shear.columns_across(slab(elevation, Some(motion))) {
+            let layers = tissue.get(ix, iy);
+            if tissue.layers(layers).is_empty() {
                 continue;
             }
             let [x_m, y_m] = lattice.column_m(ix, iy);
@@ -163,7 +169,7 @@ impl Points {
                 down_m,
                 aside_m,
                 tape: lattice.tape_offset(ix, iy),
-                stretches,
+                layers,
             });
         }
     }
@@ -182,14 +188,23 @@ wide! {
         by_line: &mut [f32],
         stride: usize,
     ) {
-        let Model { tape, elevation, shear, .. } = model;
+        let Model { tape, shear, steps, .. } = model;
         let rows = shear.rows as f64;
-        let end = flow.by_depth.len() as i32;
-        for stretch in tissue.stretches(column.stretches).iter().filter(|s| s.amplitude != 0.0) {
-            for first in (stretch.start..stretch.end.min(end)).step_by(GROUP) {
-                let count = (stretch.end.min(end) - first).min(GROUP as i32) as usize;
-                let ends =
-                    [flow.place(shear, column, first), flow.place(shear, column, first + count as i32 - 1)];
+        let end = flow.by_depth.len() as i32 - GROUP as i32;
+        let mut next = 0;
+        for &layer in tissue.layers(column.layers) {
+            let (layer_first, layer_end) = (next, layer.end.min(end));
+            next = layer_end;
+            let amplitude = tissue.filling(layer).amplitude;
+            if amplitude == 0.0 {
+                continue;
+            }
+            // Where a group's first scatterer is, and that after its last.
+            let mut above = flow.place(model, column, layer_first);
+            for first in (layer_first..layer_end).step_by(GROUP) {
+                let below = flow.place(model, column, first + GROUP as i32);
+                let ends = [core::mem::replace(&mut above, below), below];
+                let count = (layer_end - first).min(GROUP as i32) as usize;
                 if ends[1].row < -(DELAY_REACH as f64) {
                     continue;
                 }
@@ -197,11 +212,11 @@ wide! {
                     return;
                 }
                 // A face wider than any probe's tears the tissue apart under a tilt; margins hold a window.
-                if (ends[1].row - ends[0].row).abs() > WINDOW as f64 {
+                if (ends[1].row - ends[0].row).abs() > MOST_APART as f64 {
                     continue;
                 }
-                let (above, below) = (elevation.profile(ends[0].row), elevation.profile(ends[1].row));
-                let reach_m = above.reach_m.max(below.reach_m);
+                let profiles = ends.map(|end| end.profile);
+                let reach_m = if profiles[0].reach_m > profiles[1].reach_m { profiles[0].reach_m } else { profiles[1].reach_m };
                 let beside = |a: f64, b: f64, reach: f64| (a > reach && b > reach) || (a < -reach && b < -reach);
                 if beside(ends[0].e_m, ends[1].e_m, f64::from(reach_m))
                     || beside(ends[0].x_m, ends[1].x_m, shear.reach_m)
@@ -215,17 +230,16 @@ wide! {
                 }
 
                 let mut group = Group::new(column.tape + first as usize, tape);
-                let per_step = if count > 1 { 1.0 / (count - 1) as f32 } else { 0.0 };
-                let rows_apart = (ends[1].row - ends[0].row) as f32 * per_step;
-                let e_apart_m = (ends[1].e_m - ends[0].e_m) as f32 * per_step;
+                let rows_apart = (ends[1].row - ends[0].row) as f32 * PER_STEP;
+                let e_apart_m = (ends[1].e_m - ends[0].e_m) as f32 * PER_STEP;
                 let turns = ends[0].row * model.turns_per_row();
                 let turns_apart = rows_apart * model.turns_per_row() as f32;
-                let weights = weights(&[above, below], reach_m, [ends[0].e_m as f32, e_apart_m], per_step);
-                group.weigh(&weights, stretch.amplitude, count);
-                group.turn((turns - floor(turns) as f64) as f32, turns_apart);
+                let weights = weights(steps, &profiles, reach_m, [ends[0].e_m as f32, e_apart_m]);
+                group.weigh(steps, &weights, amplitude, count);
+                group.turn(steps, (turns - floor(turns) as f64) as f32, turns_apart);
                 let whole_row = floor(ends[0].row);
                 let past = (ends[0].row - whole_row as f64) as f32;
-                group.place(past, rows_apart, tape.sub_delays);
+                group.place(steps, past, rows_apart, tape.sub_delays);
                 let fraction = (place - line as f64) as f32;
                 let first_row = whole_row + (MARGIN - DELAY_REACH) as i64;
                 let mut done = 0;
@@ -263,21 +277,28 @@ struct Group {
     sub_delay: [i32; GROUP],
 }
 
-/// 0, 1, 2, …
-const STEPS: [f32; GROUP] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+pub type Steps = [f32; GROUP];
 
-/// Weights of the slice for a group whose first and last scatterers meet these profiles.
+/// 0, 1, 2, …: not known to the compiler, which would do some of them apart, and then all one by one.
+pub fn steps() -> Steps {
+    core::hint::black_box([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+}
+
+/// Share of the way through a group from one scatterer to the next.
+const PER_STEP: f32 = 1.0 / GROUP as f32;
+
+/// Weights of the slice for a group whose first scatterer, and the one after its last, meet these profiles.
 #[inline(always)]
 fn weights(
+    steps: &Steps,
     [above, below]: &[RowProfile; 2],
     reach_m: f32,
     [e_m, e_apart_m]: [f32; 2],
-    per_step: f32,
 ) -> [f32; GROUP] {
     let (decays, peaks) = (below.decay - above.decay, below.peak - above.peak);
     let mut weights = [0.0; GROUP];
-    for (weight, step) in weights.iter_mut().zip(STEPS) {
-        let (share, e_m) = (step * per_step, e_m + step * e_apart_m);
+    for (weight, step) in weights.iter_mut().zip(steps) {
+        let (share, e_m) = (step * PER_STEP, e_m + step * e_apart_m);
         let square = e_m * e_m;
         let inside = (above.peak + share * peaks) * exp_minus(square * (above.decay + share * decays));
         *weight = if square <= reach_m * reach_m { inside } else { 0.0 };
@@ -292,17 +313,15 @@ fn weights(
 impl Group {
     #[inline(always)]
     fn new(sample: usize, tape: &BakedTape) -> Self {
-        let mut group = Self::default();
-        for (i, (re, im)) in group.re.iter_mut().zip(&mut group.im).enumerate() {
-            [*re, *im] = tape.raw(sample + i);
-        }
-        group
+        let [re, im] = tape.raw_parts(sample);
+        Self { re, im, ..Self::default() }
     }
 
     #[inline(always)]
-    fn weigh(&mut self, weights: &[f32; GROUP], amplitude: f32, count: usize) {
+    fn weigh(&mut self, steps: &Steps, weights: &[f32; GROUP], amplitude: f32, count: usize) {
+        let count = count as f32;
         for i in 0..GROUP {
-            let weight = if i < count { amplitude * weights[i] } else { 0.0 };
+            let weight = if steps[i] < count { amplitude * weights[i] } else { 0.0 };
             self.re[i] *= weight;
             self.im[i] *= weight;
         }
@@ -310,9 +329,9 @@ impl Group {
 
     /// The phase of depth, −2π·turns.
     #[inline(always)]
-    fn turn(&mut self, turns: f32, turns_apart: f32) {
+    fn turn(&mut self, steps: &Steps, turns: f32, turns_apart: f32) {
         for i in 0..GROUP {
-            let [cos, sin] = turn(turns + STEPS[i] * turns_apart);
+            let [cos, sin] = turn(turns + steps[i] * turns_apart);
             let (re, im) = (self.re[i], self.im[i]);
             self.re[i] = re * cos + im * sin;
             self.im[i] = im * cos - re * sin;
@@ -321,13 +340,14 @@ impl Group {
 
     /// Rounds depths to delays of the tape's; sub-delay s stands for the fraction s/S − ½.
     #[inline(always)]
-    fn place(&mut self, past: f32, rows_apart: f32, sub_delays: usize) {
+    fn place(&mut self, steps: &Steps, past: f32, rows_apart: f32, sub_delays: usize) {
         let count = sub_delays as f32;
         let per_row = 1.0 / count;
         for i in 0..GROUP {
-            let delays = (past + STEPS[i] * rows_apart) * count + 0.5 + count / 2.0;
-            let delays = if delays > 0.0 { delays } else { 0.0 } as i32;
-            let row = ((delays as f32 + 0.5) * per_row) as i32;
+            let delays = (past + steps[i] * rows_apart) * count + count / 2.0;
+            let delays = nearest_f32(if delays > 0.0 { delays } else { 0.0 });
+            // The whole part: exact, as the fraction is never half a row from the middle of one.
+            let row = nearest_f32((delays as f32 - (count - 1.0) / 2.0) * per_row);
             self.row[i] = row;
             self.sub_delay[i] = delays - row * sub_delays as i32;
         }
@@ -363,6 +383,7 @@ impl Model<'_> {
 }
 
 /// Where a scatterer is.
+#[derive(Clone, Copy)]
 struct Place {
     /// Depth in rows.
     row: f64,
@@ -370,6 +391,7 @@ struct Place {
     e_m: f64,
     /// Place among the grid's lines.
     line: f64,
+    profile: RowProfile,
 }
 
 impl Flow {
@@ -385,16 +407,19 @@ impl Flow {
         let aside = probe_from_phantom * motion.sideways();
         let count = (tissue.thickness_m() / lattice.depth_step_m).ceil() as usize + 1;
         let depth_m = |n: usize| (n as f64 + 0.5) * lattice.depth_step_m;
+        let rows_per_m = [down.z / shear.row_step_m, aside.z / shear.row_step_m];
         Self {
-            by_depth: (0..count).map(|n| motion.by_depth(depth_m(n))).collect(),
-            rows_per_m: [down.z / shear.row_step_m, aside.z / shear.row_step_m],
+            by_depth: (0..count + GROUP).map(|n| motion.by_depth(depth_m(n))).collect(),
+            rows_per_m,
+            lines_per_m: 1.0 / shear.line_pitch_m,
             lines_per_aside: aside.x - shear.lateral_slope * aside.z,
             elevation_per_aside: aside.y - shear.elevation_slope * aside.z,
         }
     }
 
     #[inline(always)]
-    fn place(&self, shear: &Shear, column: &Column, n: i32) -> Place {
+    fn place(&self, model: &Model, column: &Column, n: i32) -> Place {
+        let Model { shear, elevation, .. } = model;
         let [f, slope] = self.by_depth[n as usize];
         let (down_m, aside_m) = (column.down_m * f, column.aside_m * slope);
         let row = column.top_row + f64::from(n) + down_m * self.rows_per_m[0] + aside_m * self.rows_per_m[1];
@@ -404,7 +429,8 @@ impl Flow {
             row,
             x_m: sheared_m + shear.lateral_slope * z_m,
             e_m: column.e_m + shear.elevation_slope * z_m + aside_m * self.elevation_per_aside,
-            line: (sheared_m - shear.first_line_m) / shear.line_pitch_m,
+            line: (sheared_m - shear.first_line_m) * self.lines_per_m,
+            profile: elevation.profile(row),
         }
     }
 }

@@ -100,7 +100,7 @@ pub fn field(
     let mut columns = Columns::new(tissue.clone(), lattice, probe);
     let half = columns.half();
     let places = || (-half[1]..half[1]).flat_map(|iy| (-half[0]..half[0]).map(move |ix| [ix, iy]));
-    places().for_each(|[ix, iy]| columns.learn(ix, iy));
+    (-half[1]..half[1]).for_each(|iy| columns.learn(-half[0]..half[0], iy));
     let indentation = slice.indentation.filter(Indentation::is_sound);
     let motion = indentation.as_ref().map(Motion::new);
     paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());

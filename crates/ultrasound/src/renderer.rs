@@ -290,11 +290,11 @@ impl Renderer {
         if let Some(shear) = shear {
             elevation.build(instructions, beam, shear, lattice.amplitude());
             tape.bake(instructions, beam, shear.row_step_m, shear.lateral_slope, shear.rows);
-            for [ix, iy] in shear.columns_across(points::elevations_m(elevation, motion)) {
-                tissue.learn(ix, iy);
-            }
-            for [ix, iy] in shear.columns_across(boundary::elevations_m(lattice, shear, motion)) {
-                tissue.learn_facets(ix, iy);
+            let (scattering, mirroring) =
+                (points::slab(elevation, motion), boundary::slab(lattice, shear, motion));
+            for iy in shear.rows_across() {
+                tissue.learn(shear.overlap(scattering, iy), iy);
+                tissue.learn_facets(shear.overlap(mirroring, iy), iy);
             }
         }
         let Self { jobs, points, grid, stamps, paths, needle, surfaces, .. } = self;
@@ -305,7 +305,8 @@ impl Renderer {
             || {
                 let Some(shear) = shear else { return };
                 if let Some(motion) = motion {
-                    let model = points::Model { instructions, beam, tape, elevation, shear };
+                    let model =
+                        points::Model { instructions, beam, tape, elevation, shear, steps: points::steps() };
                     points.fill(model, lattice, tissue, pose, motion, grid);
                 } else {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;

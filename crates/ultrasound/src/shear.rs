@@ -33,6 +33,15 @@ impl Affine {
     }
 }
 
+/// Places about the picture's plane.
+#[derive(Debug, Clone, Copy)]
+pub struct Slab {
+    /// Range of e′ of the columns that meet it.
+    pub elevations_m: [f64; 2],
+    /// Half its thickness, at most.
+    pub reach_m: f64,
+}
+
 /// How the phantom's columns run through the probe frame, and the sheared grid laid along them.
 ///
 /// On a column x = x′ + t·z and e = e′ + s·z in the probe frame; its scatterers lie `row_step_m` of depth
@@ -139,12 +148,25 @@ impl Shear {
         })
     }
 
-    /// Columns of lattice row iy that can meet the picture's width and a range of e′.
-    pub fn overlap(&self, elevations_m: [f64; 2], iy: i32) -> core::ops::Range<i32> {
+    /// Columns of lattice row iy that can meet the picture within a slab.
+    pub fn overlap(&self, slab: Slab, iy: i32) -> core::ops::Range<i32> {
         let mut range = self.columns[0].map(f64::from);
         let last_line_m = self.first_line_m + self.line_pitch_m * self.lines as f64;
         let lines_m = [self.first_line_m - self.beside_m, last_line_m + self.beside_m];
-        for (value, [low, high]) in [(self.e, elevations_m), (self.x, lines_m)] {
+        // A column that leans meets the slab where z is next to −e′/s, and is then at x′ − e′·t/s.
+        let (x, e) = (self.x, self.e);
+        let (lean, aside_m) = if self.elevation_slope.abs() > 1e-3 {
+            let lean = self.lateral_slope / self.elevation_slope;
+            (lean, self.reach_m + self.beside_m + lean.abs() * slab.reach_m)
+        } else {
+            (0.0, f64::INFINITY)
+        };
+        let there = Affine {
+            at_zero: x.at_zero - lean * e.at_zero,
+            per_ix: x.per_ix - lean * e.per_ix,
+            per_iy: x.per_iy - lean * e.per_iy,
+        };
+        for (value, [low, high]) in [(e, slab.elevations_m), (x, lines_m), (there, [-aside_m, aside_m])] {
             if value.per_ix.abs() < 1e-9 {
                 continue;
             }
@@ -166,10 +188,15 @@ impl Shear {
         [a.min(b).max(0.0), a.max(b).min(rows)]
     }
 
-    /// All of them.
-    pub fn columns_across(&self, elevations_m: [f64; 2]) -> impl Iterator<Item = [i32; 2]> {
+    /// Rows of the lattice that may matter.
+    pub fn rows_across(&self) -> core::ops::RangeInclusive<i32> {
         let [first, last] = self.columns[1];
-        (first..=last).flat_map(move |iy| self.overlap(elevations_m, iy).map(move |ix| [ix, iy]))
+        first..=last
+    }
+
+    /// [`Self::overlap`] of all rows.
+    pub fn columns_across(&self, slab: Slab) -> impl Iterator<Item = [i32; 2]> {
+        self.rows_across().flat_map(move |iy| self.overlap(slab, iy).map(move |ix| [ix, iy]))
     }
 
     /// Rows `lo..hi` in which |at_zero + slope·z| ≤ bound.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::{
-    columns::{Columns, Stretch},
+    columns::{Columns, Layer, Range},
     elevation::{ElevationTable, STRIDE},
     instructions::{Instructions, wide},
     jobs::{Job, Jobs},
@@ -39,9 +39,9 @@ pub struct Band {
 /// Scratch of one task.
 #[derive(Default)]
 struct Scratch {
-    /// A band under way: per line all real parts, then all imaginary ones.
+    /// A band under way: per line all real parts, then all imaginary ones. The first and the last line are those beside the
+    /// band, which columns reach into as well; they are dropped.
     by_line: Vec<f32>,
-    mixed: Vec<f32>,
     jobs: Vec<Job>,
 }
 
@@ -63,7 +63,7 @@ impl Grid {
         tasks.enumerate().for_each(|(task, (bands, scratch))| {
             for (i, band) in bands.iter_mut().enumerate() {
                 let index = task * TASK_BANDS + i;
-                band.fill(index, BAND.min(shear.lines - index * BAND), jobs, sources, scratch);
+                band.fill(index, jobs, sources, scratch);
             }
         });
     }
@@ -118,30 +118,21 @@ impl Band {
         transpose(instructions, &by_line[stride + margin..], 2 * stride, rows, &mut self.rows[BAND..]);
     }
 
-    fn fill(&mut self, index: usize, lines: usize, jobs: &Jobs, sources: Sources, scratch: &mut Scratch) {
+    fn fill(&mut self, index: usize, jobs: &Jobs, sources: Sources, scratch: &mut Scratch) {
         let first = index * BAND;
         jobs.of_band(index, &mut scratch.jobs);
         self.lo = scratch.jobs.iter().map(|job| job.lo).min().unwrap_or(0) as usize;
         self.hi = scratch.jobs.iter().map(|job| job.hi).max().unwrap_or(0) as usize;
         let rows = self.hi - self.lo;
         let width = 2 * rows;
-        let Scratch { jobs, by_line, mixed } = scratch;
+        let Scratch { jobs, by_line } = scratch;
         by_line.clear();
-        by_line.resize(BAND * width, 0.0);
+        by_line.resize((BAND + 2) * width, 0.0);
         for job in &*jobs {
-            let line = job.line as usize;
-            if line < first {
-                // The column's left line belongs to the band before.
-                let line = &mut by_line[..width];
-                add_column(job, self.lo, sources, mixed, |run| run.add_to_one(line, job.fraction));
-            } else if line + 1 == first + lines {
-                let line = &mut by_line[(lines - 1) * width..][..width];
-                add_column(job, self.lo, sources, mixed, |run| run.add_to_one(line, 1.0 - job.fraction));
-            } else {
-                let (left, right) = by_line[(line - first) * width..][..2 * width].split_at_mut(width);
-                add_column(job, self.lo, sources, mixed, |run| run.add_to_two(left, right, job.fraction));
-            }
+            let lines = &mut by_line[(job.line as usize + 1 - first) * width..][..2 * width];
+            add_column(sources, job, self.lo, lines);
         }
+        let by_line = &by_line[width..];
         // `resize` keeps old values; every one is overwritten.
         self.rows.resize(rows * 2 * BAND, 0.0);
         if rows > 0 {
@@ -151,118 +142,170 @@ impl Band {
     }
 }
 
+/// Adds a column to its two lines, of which a band's first row is `band_lo`.
+fn add_column(sources: Sources, job: &Job, band_lo: usize, lines: &mut [f32]) {
+    let Sources { instructions, tape, elevation, columns } = sources;
+    let (lo, hi) = (job.lo as usize, job.hi as usize);
+    let run = Run {
+        samples: &tape.samples[job.tape as usize..][..hi - lo],
+        weights: elevation.weights(job.weights, hi - lo),
+        factor: [job.re, job.im],
+        share: [1.0 - job.fraction, job.fraction],
+        // Scatterer n lies in row n + row_of_0.
+        first: job.lo as i32 - job.row_of_0,
+        layers: job.layers,
+        columns,
+    };
+    let (left, right) = lines.split_at_mut(lines.len() / 2);
+    let (left_re, left_im) = left.split_at_mut(left.len() / 2);
+    let (right_re, right_im) = right.split_at_mut(right.len() / 2);
+    let rows = lo - band_lo..hi - band_lo;
+    add_run(
+        instructions,
+        &run,
+        &mut left_re[rows.clone()],
+        &mut left_im[rows.clone()],
+        &mut right_re[rows.clone()],
+        &mut right_im[rows],
+    );
+}
+
 /// A run of one column through the slice: whole strides, so that no loop is left with odd ends.
 struct Run<'a> {
     samples: &'a [u32],
     weights: &'a [f32],
     factor: [f32; 2],
-    instructions: Instructions,
-    /// First row, counted from the band's, and one past the last.
-    rows: [usize; 2],
+    share: [f32; 2],
+    /// Scatterer of the first row.
+    first: i32,
+    /// What lies along the run; one material where there is none.
+    layers: Option<Range>,
+    columns: &'a Columns,
 }
 
-/// Finds what a job adds. `mixed` is scratch.
-#[inline(always)]
-fn add_column(job: &Job, band_lo: usize, sources: Sources, mixed: &mut Vec<f32>, add: impl FnOnce(Run)) {
-    let (row, count) = (job.lo as usize, (job.hi - job.lo) as usize);
-    let mut weights = sources.elevation.weights(job.weights, count);
-    if let Some(stretches) = job.stretches {
-        // Scatterer n lies in row n + row_of_0.
-        let first = job.lo as i32 - job.row_of_0;
-        mixed.resize(mixed.len().max(count), 0.0);
-        mix(sources.instructions, weights, first, sources.columns.stretches(stretches), &mut mixed[..count]);
-        weights = &mixed[..count];
+/// Ones before place p, by p.
+const BEFORE: [[f32; STRIDE]; STRIDE + 1] = {
+    let mut before = [[0.0; STRIDE]; STRIDE + 1];
+    let mut place = 0;
+    while place <= STRIDE {
+        let mut i = 0;
+        while i < place {
+            before[place][i] = 1.0;
+            i += 1;
+        }
+        place += 1;
     }
-    add(Run {
-        samples: &sources.tape.samples[job.tape as usize..][..count],
-        weights,
-        factor: [job.re, job.im],
-        instructions: sources.instructions,
-        rows: [row - band_lo, row - band_lo + count],
-    });
+    before
+};
+
+/// Amplitudes of a stride of scatterers from `n` on, whose first lies in the first layer.
+#[inline(always)]
+fn amplitudes(n: i32, layers: &[Layer], columns: &Columns) -> [f32; STRIDE] {
+    let mut amplitudes = [0.0; STRIDE];
+    let mut start = 0;
+    for &layer in layers {
+        let amplitude = columns.filling(layer).amplitude;
+        let end = layer.end.saturating_sub(n).min(STRIDE as i32) as usize;
+        for (a, (below, above)) in amplitudes.iter_mut().zip(BEFORE[end].iter().zip(&BEFORE[start])) {
+            *a += amplitude * (below - above);
+        }
+        start = end;
+        if end == STRIDE {
+            break;
+        }
+    }
+    amplitudes
 }
 
 wide! {
-    /// Weights times the amplitudes of several materials, of scatterers from `first` on; nothing where there is none.
-    fn mix(weights: &[f32], first: i32, stretches: &[Stretch], mixed: &mut [f32]) {
-        let count = weights.len() as i32;
-        let mut next = 0;
-        for stretch in stretches {
-            let [start, end] =
-                [stretch.start, stretch.end].map(|n| n.saturating_sub(first).clamp(0, count) as usize);
-            // A call for nothing takes as long as the loop below.
-            if next < start {
-                mixed[next..start].fill(0.0);
-            }
-            for (mixed, weight) in mixed[start..end].iter_mut().zip(&weights[start..end]) {
-                *mixed = weight * stretch.amplitude;
-            }
-            next = end;
-        }
-        if next < mixed.len() {
-            mixed[next..].fill(0.0);
-        }
-    }
-}
-
-impl Run<'_> {
-    fn add_to_two(&self, left: &mut [f32], right: &mut [f32], fraction: f32) {
-        let (left_re, left_im) = self.parts(left);
-        let (right_re, right_im) = self.parts(right);
-        let share = [1.0 - fraction, fraction];
-        let Self { instructions, samples, weights, factor, .. } = *self;
-        add_to_two(instructions, samples, weights, factor, share, left_re, left_im, right_re, right_im);
-    }
-
-    fn add_to_one(&self, line: &mut [f32], share: f32) {
-        let (line_re, line_im) = self.parts(line);
-        // The same products in the same order as for two lines, so that bands do not show in the sums.
-        for (i, (&sample, &weight)) in self.samples.iter().zip(self.weights).enumerate() {
-            let [re, im] = weighted(sample, weight, self.factor);
-            line_re[i] += share * re;
-            line_im[i] += share * im;
-        }
-    }
-
-    fn parts<'l>(&self, line: &'l mut [f32]) -> (&'l mut [f32], &'l mut [f32]) {
-        let (re, im) = line.split_at_mut(line.len() / 2);
-        let [lo, hi] = self.rows;
-        (&mut re[lo..hi], &mut im[lo..hi])
-    }
-}
-
-#[inline(always)]
-fn weighted(sample: u32, weight: f32, [c_re, c_im]: [f32; 2]) -> [f32; 2] {
-    let [re, im] = unpack(sample);
-    [weight * (c_re * re - c_im * im), weight * (c_re * im + c_im * re)]
-}
-
-wide! {
-    /// A function of its own: as arguments the slices are known to be apart, and the loop vectorises without checks.
-    #[inline(never)]
-    #[expect(clippy::too_many_arguments, reason = "six streams and their factors")]
-    fn add_to_two(
-        samples: &[u32],
-        weights: &[f32],
-        factor: [f32; 2],
-        share: [f32; 2],
+    /// Adds a run to the real and imaginary parts of its left and right lines.
+    fn add_run(
+        run: &Run,
         left_re: &mut [f32],
         left_im: &mut [f32],
         right_re: &mut [f32],
         right_im: &mut [f32],
     ) {
-        let count = samples.len();
-        let weights = &weights[..count];
-        let (left_re, left_im) = (&mut left_re[..count], &mut left_im[..count]);
-        let (right_re, right_im) = (&mut right_re[..count], &mut right_im[..count]);
-        let [a, b] = share;
-        for i in 0..count {
-            let [re, im] = weighted(samples[i], weights[i], factor);
-            left_re[i] += a * re;
-            left_im[i] += a * im;
-            right_re[i] += b * re;
-            right_im[i] += b * im;
+        let Run { samples, weights, factor, share, first, layers, columns } = *run;
+        let Some(layers) = layers else {
+            return add(samples, weights, factor, share, left_re, left_im, right_re, right_im);
+        };
+        let layers = columns.layers(layers);
+        let (size, count) = (STRIDE as i32, samples.len() as i32);
+        let mut row = 0;
+        for (index, &layer) in layers.iter().enumerate() {
+            let left = layer.end.saturating_sub(first + row);
+            if left <= 0 {
+                continue;
+            }
+            let whole = (left / size * size).min(count - row);
+            let amplitude = columns.filling(layer).amplitude;
+            if whole > 0 && amplitude != 0.0 {
+                let rows = row as usize..(row + whole) as usize;
+                let factor = factor.map(|part| amplitude * part);
+                add(
+                    &samples[rows.clone()],
+                    &weights[rows.clone()],
+                    factor,
+                    share,
+                    &mut left_re[rows.clone()],
+                    &mut left_im[rows.clone()],
+                    &mut right_re[rows.clone()],
+                    &mut right_im[rows],
+                );
+            }
+            row += whole;
+            if row == count {
+                break;
+            }
+            if whole == left {
+                continue;
+            }
+            // A stride of several layers.
+            let rows = row as usize..row as usize + STRIDE;
+            let mut mixed = amplitudes(first + row, &layers[index..], columns);
+            for (mixed, weight) in mixed.iter_mut().zip(&weights[rows.clone()]) {
+                *mixed *= weight;
+            }
+            add(
+                &samples[rows.clone()],
+                &mixed,
+                factor,
+                share,
+                &mut left_re[rows.clone()],
+                &mut left_im[rows.clone()],
+                &mut right_re[rows.clone()],
+                &mut right_im[rows],
+            );
+            row += size;
         }
+    }
+}
+
+/// Slices as arguments are known to be apart, and the loop vectorises without checks.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "six streams and their factors")]
+fn add(
+    samples: &[u32],
+    weights: &[f32],
+    [c_re, c_im]: [f32; 2],
+    [a, b]: [f32; 2],
+    left_re: &mut [f32],
+    left_im: &mut [f32],
+    right_re: &mut [f32],
+    right_im: &mut [f32],
+) {
+    let count = samples.len();
+    let weights = &weights[..count];
+    let (left_re, left_im) = (&mut left_re[..count], &mut left_im[..count]);
+    let (right_re, right_im) = (&mut right_re[..count], &mut right_im[..count]);
+    for i in 0..count {
+        let [re, im] = unpack(samples[i]);
+        let [re, im] = [weights[i] * (c_re * re - c_im * im), weights[i] * (c_re * im + c_im * re)];
+        left_re[i] += a * re;
+        left_im[i] += a * im;
+        right_re[i] += b * re;
+        right_im[i] += b * im;
     }
 }
 

@@ -13,8 +13,17 @@ use crate::{
 /// Taps of a delay filter, centred.
 pub const DELAY_TAPS: usize = 9;
 pub const DELAY_REACH: usize = DELAY_TAPS / 2;
+/// Samples whose carrier is one turn of that of others: products of two short tables are exact to rounding, far cheaper
+/// than a sine per sample, and stay in the caches.
+const STRETCH: usize = 64;
+/// Samples of the unmodulated tape that can be read across its end.
+const RAW_MARGIN: usize = 8;
 /// Samples filtered together.
 const BLOCK: usize = 16;
+
+pub fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
+    [a * c - b * d, a * d + b * c]
+}
 
 /// Unit-power complex Gaussian samples by Box–Muller.
 pub fn gaussian_tape(seed: u64, stream: u64, length: usize) -> Vec<[f32; 2]> {
@@ -36,11 +45,13 @@ pub fn gaussian_tape(seed: u64, stream: u64, length: usize) -> Vec<[f32; 2]> {
 /// The carrier is put in before the delay filters because they are low-pass around it. It depends on the tilt
 /// (a row step is the lattice step times the cosine), so the tape is baked again when the cosine changes.
 pub struct BakedTape {
-    raw: Vec<[f32; 2]>,
+    /// Real and imaginary parts of the unmodulated tape, which goes on from its start for a few samples at its end.
+    raw: [Vec<f32>; 2],
     row_step_m: f64,
     lateral_slope: f64,
-    /// exp(+i·2k·q·step) for q below the tape's length.
-    carrier: Vec<[f64; 2]>,
+    /// exp(+i·2k·q·step) for q below [`STRETCH`], and for its multiples from −`DELAY_REACH` on.
+    fine: Vec<[f64; 2]>,
+    coarse: Vec<[f64; 2]>,
     /// The raw tape times its carrier, `DELAY_REACH` samples longer at both ends.
     modulated: [Vec<f32>; 2],
     /// `sub_delays` stretches of `stride` samples, each packed by [`pack`].
@@ -55,11 +66,15 @@ pub struct BakedTape {
 
 impl BakedTape {
     pub fn new(seed: u64) -> Self {
+        let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
+        let part =
+            |part: usize| tape.iter().cycle().map(|v| v[part]).take(TAPE_LENGTH + RAW_MARGIN).collect();
         Self {
-            raw: gaussian_tape(seed, 1, TAPE_LENGTH),
+            raw: [part(0), part(1)],
             row_step_m: 0.0,
             lateral_slope: 0.0,
-            carrier: Vec::new(),
+            fine: Vec::new(),
+            coarse: Vec::new(),
             modulated: [Vec::new(), Vec::new()],
             samples: Vec::new(),
             stride: 0,
@@ -70,12 +85,26 @@ impl BakedTape {
 
     /// Sample of the unmodulated tape.
     pub fn raw(&self, index: usize) -> [f32; 2] {
-        self.raw[index % TAPE_LENGTH]
+        let index = index % TAPE_LENGTH;
+        [self.raw[0][index], self.raw[1][index]]
+    }
+
+    /// So many samples of it in a row.
+    #[inline(always)]
+    pub fn raw_parts<const N: usize>(&self, index: usize) -> [[f32; N]; 2] {
+        const { assert!(N <= RAW_MARGIN) };
+        let mut parts = [[0.0; N]; 2];
+        for (out, part) in parts.iter_mut().zip(&self.raw) {
+            out.copy_from_slice(&part[index % TAPE_LENGTH..][..N]);
+        }
+        parts
     }
 
     /// exp(+i·2k·q·step), q below the tape's length.
+    #[inline]
     pub fn carrier(&self, q: usize) -> [f64; 2] {
-        self.carrier[q]
+        let sample = q + DELAY_REACH;
+        product(self.coarse[sample / STRETCH], self.fine[sample % STRETCH])
     }
 
     /// Prepares the tape for columns of up to `rows` rows.
@@ -104,32 +133,27 @@ impl BakedTape {
     }
 
     fn modulate(&mut self, phase_per_row_rad: f64) {
-        // Products of two short tables: exact to rounding, and far cheaper than a sine per sample.
-        const STRETCH: usize = 64;
         let turn = |q: f64| {
             let (sin, cos) = libm::sincos(phase_per_row_rad * q);
             [cos, sin]
         };
-        let fine: Vec<[f64; 2]> = (0..STRETCH).map(|q| turn(q as f64)).collect();
         // Up to a whole block of the delay filters.
         let length = self.stride.next_multiple_of(BLOCK) + 2 * DELAY_REACH;
-        self.carrier.clear();
+        let starts =
+            (0..length.div_ceil(STRETCH)).map(|stretch| (stretch * STRETCH) as f64 - DELAY_REACH as f64);
+        self.coarse.clear();
+        self.coarse.extend(starts.map(turn));
+        self.fine.clear();
+        self.fine.extend((0..STRETCH).map(|q| turn(q as f64)));
         for part in &mut self.modulated {
             part.clear();
             part.reserve(length);
         }
-        for stretch in 0..length.div_ceil(STRETCH) {
-            let [c, s] = turn((stretch * STRETCH) as f64 - DELAY_REACH as f64);
-            for (i, &[fine_c, fine_s]) in fine.iter().enumerate().take(length - stretch * STRETCH) {
-                let sample = stretch * STRETCH + i;
-                let (cos, sin) = (c * fine_c - s * fine_s, s * fine_c + c * fine_s);
-                let [re, im] = self.raw[(sample + TAPE_LENGTH - DELAY_REACH) % TAPE_LENGTH].map(f64::from);
-                self.modulated[0].push((re * cos + im * sin) as f32);
-                self.modulated[1].push((im * cos - re * sin) as f32);
-                if (DELAY_REACH..DELAY_REACH + TAPE_LENGTH).contains(&sample) {
-                    self.carrier.push([cos, sin]);
-                }
-            }
+        for sample in 0..length {
+            let [cos, sin] = product(self.coarse[sample / STRETCH], self.fine[sample % STRETCH]);
+            let [re, im] = self.raw(sample + TAPE_LENGTH - DELAY_REACH).map(f64::from);
+            self.modulated[0].push((re * cos + im * sin) as f32);
+            self.modulated[1].push((im * cos - re * sin) as f32);
         }
     }
 }
