@@ -83,9 +83,10 @@ fn truth_wires_in_water_are_followed_to_a_pixel() {
     let truth = truth(&folder.join("wires_truth.xml"));
     assert_eq!((images.len(), truth.iter().flatten().count()), (201, 196));
 
-    for (profile, bounds_px) in [(Profile::Paper, [1.0, 0.6]), (Profile::Robust, [1.25, 0.65])] {
+    let mut medians_px = Vec::new();
+    for profile in [Profile::Paper, Profile::Robust] {
         for similarity in [Similarity::Ssd, Similarity::Scv] {
-            for (wire, bound_px) in WIRES.into_iter().zip(bounds_px) {
+            for (wire, bound_px) in WIRES.into_iter().zip([1.0, 0.6]) {
                 let basis = TrackerSettings::profile(profile, 20);
                 let of = |update| {
                     median_px(&images, &truth, wire, TrackerSettings { similarity, update, ..basis })
@@ -95,10 +96,16 @@ fn truth_wires_in_water_are_followed_to_a_pixel() {
                     format!("{profile:?}, {similarity:?}, wire {wire}: {corrected} px, naive {naive} px");
                 eprintln!("{case}");
                 assert!(corrected <= bound_px, "{case}");
+                medians_px.push(corrected);
                 // The paper's figure 2: a template that is always the last patch drifts off. The robust profile's narrow weight
                 // holds it on the wire, so there it is not a rule.
                 assert!(profile == Profile::Robust || naive >= 2.0 * corrected, "{case}");
             }
         }
+    }
+    // Blur and narrow weight cost a quarter of the accuracy here; the refinement gives it back.
+    let (paper, robust) = medians_px.split_at(2 * WIRES.len());
+    for (paper_px, robust_px) in paper.iter().zip(robust) {
+        assert!(*robust_px <= paper_px + 0.05, "robust {robust_px} px, paper {paper_px} px");
     }
 }

@@ -5,10 +5,12 @@ use sonoloop_types::TrackerSettings;
 use crate::TrackerError;
 use crate::gaussian::Weights;
 use crate::likeness::Moments;
+use crate::refine::Refinement;
 use crate::template::Template;
 
-/// Larger pictures are taken for garbage.
+/// Larger pictures are taken for garbage, before memory is set aside for a search of them: a side, and all pixels.
 const MAX_PICTURE_PX: u32 = 16_384;
+const MAX_PIXELS: u64 = 1 << 24;
 
 /// A template as plain data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -45,14 +47,15 @@ impl Checkpoint {
         if self.template_px != settings.template_px {
             return bad("its templates are of another size than the settings'");
         }
-        if self.picture_px.iter().any(|n| !(1..=MAX_PICTURE_PX).contains(n)) {
+        let pixels = self.picture_px.iter().map(|n| u64::from(*n)).product::<u64>();
+        if self.picture_px.iter().any(|n| !(1..=MAX_PICTURE_PX).contains(n)) || pixels > MAX_PIXELS {
             return bad("impossible size of the images");
         }
         if !self.tip_px.iter().all(|c| c.abs() <= f64::from(MAX_PICTURE_PX)) {
             return bad("impossible tip");
         }
         let side = self.template_px as usize;
-        if self.sharp.is_some() != settings.refine {
+        if self.sharp.is_some() != Refinement::is_wanted(settings) {
             return bad("an unblurred template is there without need, or missing");
         }
         for saved in [&self.anchor, &self.previous].into_iter().chain(&self.sharp) {

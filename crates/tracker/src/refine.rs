@@ -10,7 +10,7 @@
 //! on real wires, above 0.5 for a needle over still speckle of 0.1 of its rms and above 2 from 0.5 on.
 
 use sonoloop_simd::{Instructions, wide};
-use sonoloop_types::TrackerSettings;
+use sonoloop_types::{TrackerSettings, UpdateStrategy};
 
 use crate::gaussian::Weights;
 use crate::region::Region;
@@ -48,6 +48,11 @@ pub(crate) struct Refinement {
 }
 
 impl Refinement {
+    /// Whether these settings refine. A template that is always the last patch is not held to the first one.
+    pub fn is_wanted(settings: &TrackerSettings) -> bool {
+        settings.refine && settings.update != UpdateStrategy::Naive
+    }
+
     pub fn new(instructions: Instructions, settings: &TrackerSettings) -> Self {
         let side = settings.template_px as usize;
         let ring = Weights::new(side, TIP_SIGMA_PX).values().iter().map(|weight| 1.0 - weight).collect();

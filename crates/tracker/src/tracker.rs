@@ -153,14 +153,15 @@ impl Tracker {
     ) -> Self {
         let instructions = Instructions::widest();
         // A tip is found by where it is; how it has turned is left to the refinement, which sees more of it.
-        let warp = if settings.refine { Warp::Translation } else { settings.warp };
+        let refines = Refinement::is_wanted(&settings);
+        let warp = if refines { Warp::Translation } else { settings.warp };
         let (blur_sigma_px, weight_sigma_px) = (settings.blur_sigma_px, settings.weight_sigma_px);
         let mut tracker = Self {
             registrar: Registrar::new(instructions, &settings, warp, weight_sigma_px),
             search: Search::new(instructions, &anchor, blur_sigma_px, weight_sigma_px, [1, 1]),
             region: Region::default(),
             sharp: Region::default(),
-            refinement: settings.refine.then(|| Refinement::new(instructions, &settings)),
+            refinement: refines.then(|| Refinement::new(instructions, &settings)),
             taps: blur_taps(settings.blur_sigma_px),
             belief: Belief::at(Hysteresis::new(state), tip_px),
             guesser: Guesser::new(&settings, tip_px),

@@ -111,6 +111,7 @@ fn impossible_checkpoints_are_refused() {
     refuse(|c| c.template_px = 21);
     refuse(|c| c.picture_px = [0, 80]);
     refuse(|c| c.picture_px = [100, u32::MAX]);
+    refuse(|c| c.picture_px = [16_000, 16_000]);
     refuse(|c| c.tip_px[1] = f64::NAN);
     refuse(|c| c.tip_px[0] = 1e9);
     refuse(|c| c.anchor.padded.truncate(400));
