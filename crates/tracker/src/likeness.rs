@@ -104,7 +104,6 @@ wide! {
 
 wide! {
     /// Σ w·[a², b², a·b] about means.
-    #[expect(clippy::too_many_arguments, reason = "a kernel: plain buffers")]
     fn squares(
         window: Window,
         part: Part,

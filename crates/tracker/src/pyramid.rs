@@ -47,8 +47,8 @@ struct Level {
 
 impl Pyramid {
     /// Levels that have seen nothing yet. `reach` is the half-side of their regions, in pixels of their own.
-    pub fn new(settings: &TrackerSettings, reach: usize) -> Self {
-        let level = |halvings: u32| Level::new(settings, 1 << halvings, reach);
+    pub fn new(instructions: Instructions, settings: &TrackerSettings, reach: usize) -> Self {
+        let level = |halvings: u32| Level::new(instructions, settings, 1 << halvings, reach);
         Self { levels: (1..settings.pyramid_levels).rev().map(level).collect() }
     }
 
@@ -65,10 +65,9 @@ impl Pyramid {
 }
 
 impl Level {
-    fn new(settings: &TrackerSettings, scale: usize, reach: usize) -> Self {
+    fn new(instructions: Instructions, settings: &TrackerSettings, scale: usize, reach: usize) -> Self {
         let side = settings.template_px as usize;
         let settings = TrackerSettings { similarity: Similarity::Ssd, ..*settings };
-        let instructions = Instructions::widest();
         let mut level = Self {
             scale,
             template: Template::blank(side),
@@ -141,7 +140,7 @@ mod tests {
 
     fn pyramid(pyramid_levels: u32) -> Pyramid {
         let settings = TrackerSettings { pyramid_levels, ..TrackerSettings::profile(Profile::Robust, 20) };
-        Pyramid::new(&settings, 29)
+        Pyramid::new(Instructions::widest(), &settings, 29)
     }
 
     #[test]

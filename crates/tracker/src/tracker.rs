@@ -84,6 +84,16 @@ impl Tracker {
     /// `tip_px` is (u, v) in pixels from the centre of the top-left one. Refuses settings outside their bounds, a
     /// tip with under half of its template inside the image, and a tip without texture.
     pub fn new(settings: TrackerSettings, image: &Image, tip_px: [f64; 2]) -> Result<Self, TrackerError> {
+        Self::with(Instructions::widest(), settings, image, tip_px)
+    }
+
+    /// The same with the instructions named.
+    fn with(
+        instructions: Instructions,
+        settings: TrackerSettings,
+        image: &Image,
+        tip_px: [f64; 2],
+    ) -> Result<Self, TrackerError> {
         check_settings(&settings)?;
         let (width_px, height_px) = (image.width_px, image.height_px);
         if !is_sound(image) {
@@ -96,6 +106,7 @@ impl Tracker {
         let side = template_px as usize;
         let picture_px = [width_px, height_px];
         let mut tracker = Self::assemble(
+            instructions,
             settings,
             [(); 2].map(|()| Template::blank(side)),
             picture_px,
@@ -135,7 +146,9 @@ impl Tracker {
         let [anchor, previous, sharp] = checkpoint.templates(&settings)?;
         let templates = [anchor, previous];
         let (picture_px, tip_px) = (checkpoint.picture_px, checkpoint.tip_px);
-        let mut tracker = Self::assemble(settings, templates, picture_px, tip_px, TrackState::Lost);
+        let instructions = Instructions::widest();
+        let mut tracker =
+            Self::assemble(instructions, settings, templates, picture_px, tip_px, TrackState::Lost);
         tracker.belief.state = Hysteresis::lost_for(checkpoint.lost_images);
         tracker.belief.restarted = true;
         if let Some(refinement) = &mut tracker.refinement {
@@ -145,13 +158,13 @@ impl Tracker {
     }
 
     fn assemble(
+        instructions: Instructions,
         settings: TrackerSettings,
         [anchor, previous]: [Template; 2],
         picture_px: [u32; 2],
         tip_px: [f64; 2],
         state: TrackState,
     ) -> Self {
-        let instructions = Instructions::widest();
         // A tip is found by where it is; how it has turned is left to the refinement, which sees more of it.
         let refines = Refinement::is_wanted(&settings);
         let warp = if refines { Warp::Translation } else { settings.warp };
@@ -165,7 +178,7 @@ impl Tracker {
             taps: blur_taps(settings.blur_sigma_px),
             belief: Belief::at(Hysteresis::new(state), tip_px),
             guesser: Guesser::new(&settings, tip_px),
-            pyramid: Pyramid::new(&settings, anchor.window.side / 2 + 3 + jump(&settings)),
+            pyramid: Pyramid::new(instructions, &settings, anchor.window.side / 2 + 3 + jump(&settings)),
             last: Estimate::bare(state, Reason::Restarted, Some(tip_px)),
             settings,
             anchor,
@@ -465,4 +478,47 @@ pub(crate) fn add(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
 pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     let d = [a[0] - b[0], a[1] - b[1]];
     (d[0] * d[0] + d[1] * d[1]).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use sonoloop_types::Similarity;
+
+    use super::*;
+
+    /// A bright spot that moves over a still, wavy ground, and is gone for some images.
+    fn image(k: u32) -> Image {
+        let shown = if (20..30).contains(&k) { 0.0 } else { 150.0 };
+        let level = |u: f64, v: f64| {
+            let (x, y) = (u - 60.0 - 1.7 * f64::from(k), v - 60.0 - 0.4 * f64::from(k));
+            let ground = 70.0 + 30.0 * libm::sin(0.9 * u) * libm::cos(0.7 * v);
+            ground + shown * libm::exp(-(x * x / 18.0 + y * y / 10.0))
+        };
+        let pixels = (0..140).flat_map(|v| (0..300).map(move |u| level(u.into(), v.into()) as u8));
+        Image::from_pixels(300, 140, pixels.collect()).expect("as many pixels as the size says")
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_answers() {
+        let images: Vec<Image> = (0..50).map(image).collect();
+        for (profile, similarity, warp, template_px) in [
+            (Profile::Robust, Similarity::Scv, Warp::Affine, 20),
+            (Profile::Robust, Similarity::Ssd, Warp::Translation, 33),
+            (Profile::Paper, Similarity::Ssd, Warp::Rigid, 20),
+        ] {
+            let settings = TrackerSettings {
+                similarity,
+                warp,
+                pyramid_levels: 2,
+                ..TrackerSettings::profile(profile, template_px)
+            };
+            let answers = Instructions::available().into_iter().map(|set| {
+                let mut tracker = Tracker::with(set, settings, &images[0], [60.0, 60.0]).expect("a spot");
+                images[1..].iter().map(|image| tracker.track(image, &Context::default())).collect::<Vec<_>>()
+            });
+            let answers: Vec<_> = answers.collect();
+            assert!(answers.iter().all(|other| *other == answers[0]));
+            assert!(answers[0].iter().any(|answer| answer.state == TrackState::Lost));
+        }
+    }
 }

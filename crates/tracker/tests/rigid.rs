@@ -93,34 +93,38 @@ fn shares_of_iterations(step_px: f64, cases: &[Case]) -> Vec<f64> {
 ///
 /// | profile | template | warp | SSD at 3 px | 4 | 6 | SCV at 3 px | 4 | 6 |
 /// |---|---|---|---|---|---|---|---|---|
-/// | paper | 20×20 | translation | 1.00 | 0.96 | 0.72 | 0.67 | 0.57 | 0.52 |
-/// | paper | 20×20 | affine | 1.06 | 1.05 | 0.90 | 0.92 | 0.77 | 0.85 |
+/// | paper | 20×20 | translation | 1.00 | 0.96 | 0.76 | 0.67 | 0.57 | 0.50 |
+/// | paper | 20×20 | affine | 1.00 | 0.98 | 0.81 | 0.76 | 0.58 | 0.68 |
 /// | paper | 61×61 | translation | 0.36 | 0.39 | 0.39 | 0.50 | 0.46 | 0.24 |
-/// | paper | 61×61 | affine | 0.92 | 0.49 | 0.41 | 0.51 | 1.04 | 1.27 |
-/// | robust | 20×20 | translation | 0.97 | 0.96 | 0.39 | 0.99 | 0.98 | 0.61 |
-/// | robust | 61×61 | translation | 0.96 | 0.97 | 0.42 | 0.99 | 0.98 | 0.41 |
-/// | robust | 61×61 | affine | 0.98 | 1.04 | 0.98 | 1.03 | 1.05 | 1.02 |
+/// | paper | 61×61 | affine | 0.29 | 0.31 | 0.33 | 0.55 | 0.71 | 0.51 |
+/// | robust | 20×20 | translation | 0.96 | 0.93 | 0.51 | 1.00 | 0.99 | 0.79 |
+/// | robust | 20×20 | affine | 0.94 | 0.92 | 0.55 | 1.01 | 1.01 | 0.80 |
+/// | robust | 61×61 | translation | 0.22 | 0.23 | 0.23 | 0.84 | 0.83 | 0.60 |
+/// | robust | 61×61 | affine | 0.21 | 0.22 | 0.22 | 0.77 | 0.80 | 0.67 |
 ///
-/// A 20×20 template is all tip, some 5 px wide; a 61×61 one is mostly speckle, 1 px to 2 px wide. The robust profile's blur
-/// and weight leave the wide tip alone. Shares far over 1 come with warps that both orders lose.
+/// A 20×20 template is all tip, some 5 px wide; a 61×61 one is mostly speckle, 1 px to 2 px wide. The robust profile looks at
+/// that in its refinement, which rests on all pixels.
 #[test]
 fn second_order_needs_at_most_sixty_percent_of_the_iterations_over_fine_speckle() {
     let cases = [
         (Profile::Paper, Similarity::Ssd, Warp::Translation, 61),
         (Profile::Paper, Similarity::Scv, Warp::Translation, 61),
+        (Profile::Paper, Similarity::Ssd, Warp::Affine, 61),
+        (Profile::Robust, Similarity::Ssd, Warp::Translation, 61),
+        (Profile::Robust, Similarity::Ssd, Warp::Affine, 61),
         // Where there is no gain nobody should expect one: a bright tip that moves by less than its width.
         (Profile::Paper, Similarity::Ssd, Warp::Translation, 20),
         (Profile::Paper, Similarity::Ssd, Warp::Affine, 20),
         (Profile::Robust, Similarity::Ssd, Warp::Translation, 20),
     ];
     let shares = shares_of_iterations(3.0, &cases);
-    assert!(shares[..2].iter().all(|share| *share <= 0.6), "{shares:?}");
-    assert!(shares[2..].iter().all(|share| (0.8..1.2).contains(share)), "{shares:?}");
+    assert!(shares[..5].iter().all(|share| *share <= 0.6), "{shares:?}");
+    assert!(shares[5..].iter().all(|share| (0.8..1.2).contains(share)), "{shares:?}");
 }
 
 #[test]
 fn second_order_needs_at_most_sixty_percent_of_the_iterations_after_a_large_motion() {
-    let cases = [Similarity::Ssd, Similarity::Scv].map(|s| (Profile::Robust, s, Warp::Translation, 61));
+    let cases = [Warp::Translation, Warp::Affine].map(|warp| (Profile::Robust, Similarity::Ssd, warp, 20));
     let shares = shares_of_iterations(6.0, &cases);
     assert!(shares.iter().all(|share| *share <= 0.6), "{shares:?}");
 }
