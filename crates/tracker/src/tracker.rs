@@ -236,7 +236,7 @@ impl Tracker {
             self.registrar.epsilon_px = self.settings.epsilon_px.max(NEAR_PX);
         }
         let first = [SHORT_JUMP_PX, far].into_iter().find_map(|jump| {
-            let reach = self.registrar.weights.part.reach() + jump;
+            let reach = self.reach(jump);
             self.look(image, guess_px, reach);
             let first = if self.settings.update == UpdateStrategy::None {
                 let guess = Placement { linear: self.belief.linear, ..guess };
@@ -404,9 +404,17 @@ impl Tracker {
         }
     }
 
-    /// Half-side of the largest region a registration may wander in.
+    /// Half-side of a region in which a registration may wander by `jump`, with the template turned and stretched as it is.
+    fn reach(&self, jump: usize) -> usize {
+        let farther = self.belief.linear.iter().map(|[x, y]| x.abs() + y.abs()).fold(1.0, f64::max);
+        let part = self.registrar.weights.part.reach() as f64;
+        libm::ceil(part * farther.min(MAX_STRETCH)) as usize + jump
+    }
+
+    /// That of the largest region there will be.
     fn tracking_reach(&self) -> usize {
-        self.registrar.weights.part.reach() + jump(&self.settings)
+        let farther = if self.settings.warp == Warp::Translation { 1.0 } else { MAX_STRETCH };
+        libm::ceil(self.registrar.weights.part.reach() as f64 * farther) as usize + jump(&self.settings)
     }
 
     /// What a restarted tracker needs to go on.
@@ -457,6 +465,8 @@ impl Tracker {
 
 /// What a registration that another one follows may leave, in pixels.
 const NEAR_PX: f64 = 0.1;
+/// Half a diagonal, and some stretch, over half a side.
+const MAX_STRETCH: f64 = 1.5;
 /// How far a registration may wander at first, in pixels.
 const SHORT_JUMP_PX: usize = 6;
 
