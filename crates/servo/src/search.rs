@@ -91,6 +91,8 @@ pub struct Search {
     began_s: f64,
     travel_m: f64,
     crest: Vec<Sample>,
+    /// The candidate was brightest where it came into sight, and is followed the other way.
+    crest_reversed: bool,
     gap_images: u32,
     last: Option<Offset>,
 }
@@ -125,6 +127,7 @@ impl Search {
             began_s: time_s,
             travel_m: 0.0,
             crest: Vec::new(),
+            crest_reversed: false,
             gap_images: 0,
             last: None,
         }
@@ -174,16 +177,23 @@ impl Search {
         } else if !self.crest.is_empty() {
             self.gap_images += 1;
         }
-        let best = self.crest.iter().map(|s| s.level).fold(f64::NEG_INFINITY, f64::max);
-        let passed = self.crest.last().is_some_and(|s| s.level < best - CREST_PASSED_LEVELS);
-        if passed || self.gap_images >= GAP_IMAGES {
-            let at = crest_at(&self.crest);
-            self.crest.clear();
-            self.gap_images = 0;
-            self.phase = Phase::Crest { at, arrived_s: None };
-            return;
-        }
-        if self.step_towards(settings, self.waypoint(settings), view.dt_s) {
+        if let Some(best) = brightest(&self.crest) {
+            // A candidate is followed until it fades, beyond a turning point too, and to its other side when it was
+            // brightest where it came into sight: turned back from, it would be taken for a crest at its edge.
+            let along = if self.crest_reversed { -self.heading() } else { self.heading() };
+            let beyond = (at - best.at) * along > 0.0;
+            let dim = self.crest.last().is_some_and(|s| s.level < best.level - CREST_PASSED_LEVELS);
+            let passed = beyond && (dim || self.gap_images >= GAP_IMAGES);
+            let end = along * self.reach(settings);
+            if self.step_towards(settings, if passed { at } else { end }, view.dt_s) || passed {
+                if self.crest[0].at == best.at && !self.crest_reversed {
+                    self.crest_reversed = true;
+                    self.gap_images = 0;
+                } else {
+                    self.go_to_crest();
+                }
+            }
+        } else if self.step_towards(settings, self.waypoint(settings), view.dt_s) {
             self.leg += 1;
             if self.leg == WAYPOINTS.len() {
                 self.leg = 0;
@@ -193,6 +203,14 @@ impl Search {
                 }
             }
         }
+    }
+
+    fn go_to_crest(&mut self) {
+        let at = crest_at(&self.crest);
+        self.crest.clear();
+        self.crest_reversed = false;
+        self.gap_images = 0;
+        self.phase = Phase::Crest { at, arrived_s: None };
     }
 
     fn wait_at_crest(
@@ -222,11 +240,20 @@ impl Search {
     }
 
     fn waypoint(&self, settings: &ServoSettings) -> f64 {
-        let reach = match self.axis {
+        self.first_side * WAYPOINTS[self.leg] * self.reach(settings)
+    }
+
+    fn reach(&self, settings: &ServoSettings) -> f64 {
+        match self.axis {
             Axis::Elevation => settings.sweep_reach_m,
             Axis::Yaw => settings.yaw_reach_rad,
-        };
-        self.first_side * WAYPOINTS[self.leg] * reach
+        }
+    }
+
+    /// Side that the present leg leads to, ±1.
+    fn heading(&self) -> f64 {
+        let from = self.leg.checked_sub(1).map_or(0.0, |before| WAYPOINTS[before]);
+        self.first_side * (WAYPOINTS[self.leg] - from).signum()
     }
 
     /// Moves the command towards `goal` by one picture's worth; true when it is there.
@@ -248,9 +275,7 @@ const WAYPOINTS: [f64; 7] = [0.3, -0.3, -0.6, 0.6, 1.0, -1.0, 0.0];
 fn crest_at(samples: &[Sample]) -> f64 {
     let first = samples.iter().map(|s| s.at).fold(f64::INFINITY, f64::min);
     let last = samples.iter().map(|s| s.at).fold(f64::NEG_INFINITY, f64::max);
-    let best = samples.iter().fold(Sample { at: 0.0, level: f64::NEG_INFINITY }, |best, s| {
-        if s.level > best.level { *s } else { best }
-    });
+    let Some(best) = brightest(samples) else { return 0.0 };
     let half = (last - first) / 2.0;
     if samples.len() < 5 || half <= 0.0 {
         return best.at;
@@ -268,6 +293,11 @@ fn crest_at(samples: &[Sample]) -> f64 {
         Some(c) if c.z < 0.0 && (c.y / (2.0 * c.z)).abs() <= 1.0 => middle - half * c.y / (2.0 * c.z),
         _ => best.at,
     }
+}
+
+/// The first of the brightest.
+fn brightest(samples: &[Sample]) -> Option<Sample> {
+    samples.iter().copied().reduce(|best, s| if s.level > best.level { s } else { best })
 }
 
 #[cfg(test)]
@@ -299,11 +329,12 @@ mod tests {
 
     #[test]
     fn a_tip_on_either_side_is_centred_within_a_tenth_of_a_millimetre() {
-        for tip_m in [-6e-3, -3e-3, -1e-3, 1e-3, 3e-3, 6e-3] {
+        // Every tenth of a millimetre out of sight: at the turning points of the sweep too.
+        for tip_m in (-60..=60).map(|k| f64::from(k) * 1e-4).filter(|tip_m| tip_m.abs() >= 0.5e-3) {
             for side in [-1.0, 1.0] {
                 let (search, _, _) = run(tip_m, 0.5e-3, side);
                 let at = search.commanded.elevation_m;
-                assert!((at - tip_m).abs() < 0.1e-3, "tip {tip_m} found at {at}");
+                assert!((at - tip_m).abs() < 0.1e-3 + 1e-9, "tip {tip_m} found at {at}");
                 assert!(!search.holds_confirmation());
             }
         }
