@@ -17,7 +17,7 @@ pub struct TrackerArgs {
     /// Side of the square template in pixels, 8 to 128
     #[arg(long, value_name = "N", default_value_t = 20, help_heading = TEMPLATE)]
     pub template: u32,
-    /// How the template moves
+    /// How the template moves; with --refine a turn is measured only where the surroundings move along
     #[arg(long, value_enum, help_heading = TEMPLATE)]
     pub warp: Option<WarpArg>,
     /// How the template follows the tip's appearance
@@ -42,7 +42,7 @@ pub struct TrackerArgs {
     /// Gauss-Newton of first or second order
     #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2), help_heading = REGISTRATION)]
     pub order: Option<u8>,
-    /// Register once more, unblurred and unweighted, where the surroundings move with the tip
+    /// Register once more, unblurred and unweighted, where the surroundings move with the tip; not with --update naive
     #[arg(long, value_name = "BOOL", help_heading = REGISTRATION)]
     pub refine: Option<bool>,
     /// Where the optimiser starts in the next image
@@ -67,7 +67,8 @@ pub struct TrackerArgs {
     /// Lost below this correlation with the first template, -1 to 1
     #[arg(long, value_name = "NCC", help_heading = LOSS, allow_negative_numbers = true)]
     pub loss_ncc_anchor: Option<f64>,
-    /// Lost above this difference to the first template over its contrast, 0.01 to 10, or none (no such test)
+    /// Lost above this difference to the first template over its contrast, 0.01 to 10, when less than nine tenths of that
+    /// contrast is left (and lost when less than half is), or none (neither test)
     #[arg(long, value_name = "RATIO|none", value_parser = parse_ratio, help_heading = LOSS, allow_negative_numbers = true)]
     pub loss_brightness_ratio: Option<Ratio>,
     /// Found again from this correlation with the first template on, -1 to 1

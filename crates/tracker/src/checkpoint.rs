@@ -15,7 +15,7 @@ const MAX_PIXELS: u64 = 1 << 24;
 /// A template as plain data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SavedTemplate {
-    /// (S + 2)² blurred grey levels, row by row: the window and one more pixel all around.
+    /// (S + 2)² grey levels, row by row: the window and one more pixel all around.
     pub padded: Vec<f32>,
     /// Median grey level of the lit part of the image it was taken from; `None` when that was dark.
     pub median: Option<f64>,

@@ -14,7 +14,7 @@ use sonoloop_types::{TrackerSettings, UpdateStrategy};
 
 use crate::gaussian::Weights;
 use crate::region::Region;
-use crate::register::Registrar;
+use crate::register::{Registrar, Registration};
 use crate::template::Template;
 use crate::tracker::distance;
 use crate::warp::Placement;
@@ -28,6 +28,8 @@ const MEMORY: f64 = 0.1;
 const MOVES_ALONG: f64 = 0.4;
 /// A refinement that goes farther than this found something else.
 const MAX_MOVE_PX: f64 = 2.0;
+/// A patch from within this distance shows a place well enough to judge its surroundings.
+const LOOKED_PX: f64 = 0.1;
 /// Half-side of the unblurred region beyond the window: room for the warp and for the last place.
 const ROOM_PX: usize = 12;
 
@@ -89,27 +91,34 @@ impl Refinement {
         self.last = None;
     }
 
-    /// Where T_1 is in an unblurred region, from `found` on, and the optimiser's iterations; `None` where the surroundings do
-    /// not move along, or nothing was found near.
+    /// T_1 in an unblurred region, from `found` on, and the optimiser's iterations; `None` where the surroundings do not move
+    /// along, or nothing was found near.
     pub fn refine(
         &mut self,
         sharp: &Region,
         median: Option<f64>,
         found: &Placement,
-    ) -> (Option<Placement>, u32) {
+    ) -> (Option<Registration>, u32) {
         let change = self.anchor.change_to(median);
         let still = self.last.take().and_then(|last| {
             self.registrar.sample(sharp, &last).ok()?;
             Some(self.difference(median))
         });
-        let (place, iterations) = match self.registrar.run(sharp, &self.anchor, change, *found) {
-            Ok(end) => (end.place, end.iterations),
+        let end = match self.registrar.run(sharp, &self.anchor, change, *found) {
+            Ok(end) => end,
             Err(failure) => return (None, failure.iterations),
         };
+        let place = end.place;
         if distance(place.centre_px, found.centre_px) > MAX_MOVE_PX {
-            return (None, iterations);
+            return (None, end.iterations);
         }
-        // The patch is that of the optimiser's last look, a fraction of its last step away.
+        // Mostly the patch is that of the optimiser's last look, a fraction of its last step away.
+        let half_px = self.registrar.window.half_px();
+        if self.registrar.sampled.corner_distance(&place, half_px) > LOOKED_PX
+            && self.registrar.sample(sharp, &place).is_err()
+        {
+            return (None, end.iterations);
+        }
         if let Some(still) = still {
             let moved = self.difference(median);
             self.still += MEMORY * (still - self.still);
@@ -119,7 +128,7 @@ impl Refinement {
         if moves_along || self.registrar.sample(sharp, found).is_ok() {
             self.keep(median);
         }
-        (Some(place).filter(|_| moves_along), iterations)
+        (Some(end).filter(|_| moves_along), end.iterations)
     }
 
     /// Mean squared difference of the patch's ring to the last image's.

@@ -10,7 +10,7 @@ use crate::likeness::Moments;
 use crate::pyramid::Pyramid;
 use crate::refine::Refinement;
 use crate::region::Region;
-use crate::register::Registrar;
+use crate::register::{Failure, Registrar, Registration};
 use crate::search::Search;
 use crate::template::Template;
 use crate::warp::{Placement, UPRIGHT};
@@ -226,65 +226,19 @@ impl Tracker {
     fn follow(&mut self, image: &Image, median: Option<f64>, motion_px: Option<[f64; 2]>) -> Estimate {
         let expected_px = self.guesser.place_px(self.belief.tip_px, motion_px);
         let guess_px = self.pyramid.approach(image, median, expected_px);
-        let guess = Placement { centre_px: guess_px, linear: self.previous_linear() };
         let changes = [&self.anchor, &self.previous].map(|template| self.change(template, median));
-        // Most motions are short, and a small region is soon read; only who leaves it needs the large one.
-        let far = jump(&self.settings);
-        // Where a registration of T_1 follows, that of T_n only has to be near.
-        let corrects = self.settings.update == UpdateStrategy::DriftCorrected;
-        if self.refinement.is_some() && corrects {
-            self.registrar.epsilon_px = self.settings.epsilon_px.max(NEAR_PX);
-        }
-        let first = [SHORT_JUMP_PX, far].into_iter().find_map(|jump| {
-            let reach = self.reach(jump);
-            self.look(image, guess_px, reach);
-            let first = if self.settings.update == UpdateStrategy::None {
-                let guess = Placement { linear: self.belief.linear, ..guess };
-                self.registrar.run(&self.region, &self.anchor, changes[0], guess)
-            } else {
-                self.registrar.run(&self.region, &self.previous, changes[1], guess)
-            };
-            Some(first).filter(|first| first.is_ok() || jump == far)
-        });
-        self.registrar.epsilon_px = self.settings.epsilon_px;
-        // The large region always ends in a result.
-        let Some(first) = first else { return self.declare_lost(Reason::Diverged, motion_px, None, 0) };
-        let mut found = match first {
+        let mut found = match self.find(image, guess_px, changes) {
             Ok(found) => found,
             Err(failure) => return self.declare_lost(failure.reason, motion_px, None, failure.iterations),
         };
-        // The warp of T_1: that of the registration, or the refinement's last.
-        if self.refinement.is_some() {
-            found.place.linear = self.belief.linear;
-        }
-        let refined = self.refinement.as_mut().and_then(|refinement| {
-            let (refined, iterations) = refinement.refine(&self.sharp, median, &found.place);
-            found.iterations += iterations;
-            refined
-        });
-        let mut update = self.settings.update == UpdateStrategy::Naive;
-        if let Some(place) = refined {
-            // It is a registration of T_1, and near.
-            update |= corrects;
-            found.place = place;
-        } else if corrects {
-            // Matthews, Ishikawa and Baker (2004): the new patch becomes a template only if the first template,
-            // started from the same place, agrees about where it is.
-            match self.registrar.run(&self.region, &self.anchor, changes[0], found.place) {
-                Ok(corrected) => {
-                    let iterations = found.iterations + corrected.iterations;
-                    let half_px = self.anchor.window.half_px();
-                    if found.place.corner_distance(&corrected.place, half_px)
-                        <= self.settings.drift_tolerance_px
-                    {
-                        update = true;
-                        found = corrected;
-                    }
-                    found.iterations = iterations;
-                }
-                Err(failure) => found.iterations += failure.iterations,
+        let update = match self.settings.update {
+            UpdateStrategy::None => {
+                self.sharpen(median, &mut found);
+                false
             }
-        }
+            UpdateStrategy::Naive => true,
+            UpdateStrategy::DriftCorrected => self.correct_drift(median, changes, &mut found),
+        };
 
         let (at, iterations) = (found.place.centre_px, found.iterations);
         let view = match self.view_at(&found.place, median) {
@@ -305,6 +259,85 @@ impl Tracker {
         self.pyramid.remember(image, median, at);
         let estimate = self.estimate(Reason::Ok, at, Some(view), iterations);
         Estimate { conditioning: Some(found.conditioning), ..estimate }
+    }
+
+    /// Registers the template of the last image, or the first one where templates are not updated.
+    ///
+    /// Most motions are short, and a small region is soon read. Only an end near its edge needs the large one: what comes next
+    /// wants to look around that end.
+    fn find(
+        &mut self,
+        image: &Image,
+        guess_px: [f64; 2],
+        changes: [f32; 2],
+    ) -> Result<Registration, Failure> {
+        if self.refinement.is_some() && self.settings.update == UpdateStrategy::DriftCorrected {
+            self.registrar.epsilon_px = self.settings.epsilon_px.max(ROUGH_PX);
+        }
+        let far = jump(&self.settings);
+        let mut search = |jump: usize| {
+            self.look(image, guess_px, self.reach(jump));
+            if self.settings.update == UpdateStrategy::None {
+                let guess = Placement { centre_px: guess_px, linear: self.belief.linear };
+                self.registrar.run(&self.region, &self.anchor, changes[0], guess)
+            } else {
+                let guess = Placement { centre_px: guess_px, linear: self.previous_linear() };
+                self.registrar.run(&self.region, &self.previous, changes[1], guess)
+            }
+        };
+        let short = search(SHORT_JUMP_PX);
+        let far_px = SHORT_JUMP_PX as f64 - AROUND_PX;
+        let found = match short {
+            Ok(found) if distance(found.place.centre_px, guess_px) <= far_px => Ok(found),
+            _ => search(far),
+        };
+        self.registrar.epsilon_px = self.settings.epsilon_px;
+        let mut found = found?;
+        if self.refinement.is_some() {
+            // The warp of T_1 is the refinement's last.
+            found.place.linear = self.belief.linear;
+        }
+        Ok(found)
+    }
+
+    /// Puts the refinement's result in the place of what was found, where it has one.
+    fn sharpen(&mut self, median: Option<f64>, found: &mut Registration) -> bool {
+        let Some(refinement) = &mut self.refinement else { return false };
+        let (refined, iterations) = refinement.refine(&self.sharp, median, &found.place);
+        let iterations = found.iterations + iterations;
+        if let Some(refined) = refined {
+            *found = refined;
+        }
+        found.iterations = iterations;
+        refined.is_some()
+    }
+
+    /// Registers T_1 from where T_n was found, and tells whether the new patch becomes T_n: only if T_1 agrees about where it is
+    /// (Matthews, Ishikawa and Baker, 2004). A refinement is such a registration.
+    fn correct_drift(&mut self, median: Option<f64>, changes: [f32; 2], found: &mut Registration) -> bool {
+        let before = *found;
+        let half_px = self.anchor.window.half_px();
+        let agrees = |found: &Registration, settings: &TrackerSettings| {
+            before.place.corner_distance(&found.place, half_px) <= settings.drift_tolerance_px
+        };
+        if self.sharpen(median, found) {
+            return agrees(found, &self.settings);
+        }
+        let corrected = self.registrar.run(&self.region, &self.anchor, changes[0], before.place);
+        found.iterations += corrected.as_ref().map_or_else(|failure| failure.iterations, |c| c.iterations);
+        if let Some(corrected) = corrected.ok().filter(|corrected| agrees(corrected, &self.settings)) {
+            *found = Registration { iterations: found.iterations, ..corrected };
+            return true;
+        }
+        if self.refinement.is_some() {
+            // T_n's place is the measurement then, and so far it was a rough one.
+            let start = Placement { linear: self.previous_linear(), ..found.place };
+            if let Ok(finer) = self.registrar.run(&self.region, &self.previous, changes[1], start) {
+                found.iterations += finer.iterations;
+                found.place.centre_px = finer.place.centre_px;
+            }
+        }
+        false
     }
 
     /// Reads the surroundings of a point.
@@ -441,8 +474,7 @@ impl Tracker {
     }
 
     /// The linear part of the template's warp, row by row: the template's (x, y), centred on the tip, lies at the tip plus
-    /// (uu·x + uv·y, vu·x + vv·y) in the picture. Against T_1 the identity for a translation; that of the last tracked image
-    /// while LOST.
+    /// (uu·x + uv·y, vu·x + vv·y) in the picture. Against T_1; the identity for a translation, and while LOST.
     pub fn linear(&self) -> [[f64; 2]; 2] {
         self.belief.linear
     }
@@ -464,11 +496,13 @@ impl Tracker {
 }
 
 /// What a registration that another one follows may leave, in pixels.
-const NEAR_PX: f64 = 0.1;
+const ROUGH_PX: f64 = 0.1;
+/// Room about an end for what follows: a refinement that moves by 2 px, and rounding.
+const AROUND_PX: f64 = 3.0;
 /// Half a diagonal, and some stretch, over half a side.
 const MAX_STRETCH: f64 = 1.5;
 /// How far a registration may wander at first, in pixels.
-const SHORT_JUMP_PX: usize = 6;
+const SHORT_JUMP_PX: usize = 7;
 
 /// How far a registration may wander from the guess, in pixels.
 fn jump(settings: &TrackerSettings) -> usize {

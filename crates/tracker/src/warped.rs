@@ -10,7 +10,7 @@ use crate::template::Template;
 use crate::tracker::distance;
 use crate::warp::{Moments, Placement, normal_equations, solve, step};
 
-/// Damping λ to begin with; a step that makes the residual smaller divides it by ten, one that does not multiplies it.
+/// Damping λ to begin with; a step that is taken divides it by ten, one that is taken back multiplies it.
 const FIRST_DAMPING: f64 = 1e-3;
 const LEAST_DAMPING: f64 = 1e-6;
 /// A residual that grows by less has not grown: bilinear sampling smooths by what fraction of a pixel the template lies off the
@@ -25,7 +25,8 @@ const MOST_DAMPING: f64 = 1e3;
 struct Accepted {
     place: Placement,
     sums: Moments,
-    mean_square: f64,
+    /// The smallest mean square residual so far.
+    least: f64,
 }
 
 impl Registrar {
@@ -62,15 +63,17 @@ impl Registrar {
             let sums = affine_sums(comparison.0, &comparison.1);
             let mean_square = sums.squares / sums.weight;
             match accepted {
-                Some(before) if mean_square > GROWTH * before.mean_square => {
+                Some(before) if mean_square > GROWTH * before.least => {
                     damping *= 10.0;
+                    before_px = None;
                     if damping > MOST_DAMPING {
                         return Ok(before.registration(iteration));
                     }
                 }
                 _ => {
                     damping = (damping / 10.0).max(LEAST_DAMPING);
-                    accepted = Some(Accepted { place, sums, mean_square });
+                    let least = accepted.map_or(mean_square, |before| before.least.min(mean_square));
+                    accepted = Some(Accepted { place, sums, least });
                 }
             }
             // `accepted` was set just now, or matched.

@@ -102,7 +102,7 @@ pub struct TrackerSettings {
     pub similarity: Similarity,
     /// Which Jacobian.
     pub optimisation: Optimisation,
-    /// How the template moves. On a tip over speckle six degrees of freedom drift by tens of pixels where two hold it.
+    /// How the template moves. With `refine` a turn is measured only where the surroundings move along. On a tip over speckle six degrees of freedom drift by tens of pixels where two hold it.
     pub warp: Warp,
     /// Template update.
     pub update: UpdateStrategy,
@@ -114,7 +114,7 @@ pub struct TrackerSettings {
     pub blur_sigma_px: f64,
     /// Gaussian weight about the tip in sums and NCCs, σ; 0 = uniform.
     pub weight_sigma_px: f64,
-    /// Register once more, unblurred and unweighted, where the surroundings move with the tip.
+    /// Register once more, unblurred and unweighted, where the surroundings move with the tip; not under naive updates.
     pub refine: bool,
     /// Where the optimiser starts.
     pub guess: Guess,
@@ -132,7 +132,8 @@ pub struct TrackerSettings {
     pub loss_ncc_previous: f64,
     /// LOST when NCC with T_1 falls below.
     pub loss_ncc_anchor: f64,
-    /// LOST when the brightness ratio rises above; `None` = no test.
+    /// LOST when less than nine tenths of the first template's contrast is left and the brightness ratio rises above this, or when
+    /// less than half is left; `None` = neither test.
     pub loss_brightness_ratio: Option<f64>,
     /// A recovery candidate needs this NCC with T_1.
     pub recovery_ncc: f64,

@@ -92,7 +92,8 @@ pub(crate) struct RawTracker {
     /// Order of the optimisation, 1 or 2.
     #[garde(range(min = 1, max = 2))]
     pub order: Option<u8>,
-    /// How the template moves: two, three or six degrees of freedom.
+    /// How the template moves: two, three or six degrees of freedom. With `refine` a turn is measured only where the surroundings
+    /// move along.
     pub warp: Option<RawWarp>,
     /// Template update.
     pub update: Option<RawUpdate>,
@@ -130,7 +131,8 @@ pub(crate) struct RawTracker {
     /// Lost below this NCC with the first template.
     #[garde(range(min = -1.0, max = 1.0))]
     pub loss_ncc_anchor: Option<f64>,
-    /// Lost above this brightness ratio; null turns the test off.
+    /// Lost above this brightness ratio when less than nine tenths of the first template's contrast is left, and when less than
+    /// half is; null turns both tests off.
     #[serde(deserialize_with = "nullable")]
     #[schemars(with = "Option<f64>", range(min = 0.01, max = 10.0))]
     #[garde(inner(range(min = 0.01, max = 10.0)))]

@@ -11,13 +11,13 @@ use arbitrary::{Arbitrary, Unstructured};
 use libfuzzer_sys::fuzz_target;
 use sonoloop_tracker::{Checkpoint, Context, Tracker};
 use sonoloop_types::{
-    Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy, Warp,
+    Guess, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy, Warp,
 };
 
 /// Settings in whole steps over a little more than their ranges; `None` keeps the profile's value.
 #[derive(Debug, Arbitrary)]
 struct Settings {
-    kinds: [u8; 5],
+    kinds: [u8; 8],
     template_px: u8,
     scv_bins: Option<u16>,
     blur_eighths: Option<u8>,
@@ -60,6 +60,9 @@ impl Settings {
                 .map_or(basis.loss_brightness_ratio, |r| r.map(f64::from)),
             confirmation_images: self.confirmation_images.map_or(basis.confirmation_images, u32::from),
             whole_image_after: self.whole_image_after.map_or(basis.whole_image_after, u32::from),
+            guess: [Guess::Insertion, Guess::None, Guess::ConstantVelocity, Guess::Kalman][pick(5, 4)],
+            pyramid_levels: 1 + pick(6, 4) as u32,
+            refine: pick(7, 2) == 0,
             ..basis
         }
     }
