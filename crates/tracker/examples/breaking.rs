@@ -48,7 +48,7 @@ the same ones.
 | slipping | TRACKING 2 to 5 px off at worst |
 | silent | TRACKING more than 5 px off in at least one image |
 
-A sequence has the last of them that applies, *lost* before *slipping*. Synthetic speckle is no tissue: the figures compare
+Silent goes before lost, and lost before slipping. Synthetic speckle is no tissue: the figures compare
 settings, and promise nothing of a patient.
 "#;
 
