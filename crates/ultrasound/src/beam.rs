@@ -41,6 +41,8 @@ pub struct Grain {
     pub elevation_bin_m: f64,
     /// Delays per row step at which the tape is kept.
     pub sub_delays: usize,
+    /// Parts of a row that scatterers of pressed tissue are added to, two of them for each.
+    pub parts_per_row: usize,
     /// Lines of the working grid per column of the picture, for [`Self::new`]'s lines per σ of the lateral beam: two lines
     /// stand for what lies between them, and by how much they miss it is a matter of their distance over σ.
     pub lines_per_px: usize,
@@ -63,6 +65,7 @@ impl Grain {
                 lateral_reach: 2.75,
                 elevation_bin_m: 0.02e-3,
                 sub_delays: 24,
+                parts_per_row: 2,
                 lines_per_px,
                 columns_per_width: 8,
             },
@@ -71,6 +74,7 @@ impl Grain {
                 lateral_reach: 3.25,
                 elevation_bin_m: 0.01e-3,
                 sub_delays: 64,
+                parts_per_row: 4,
                 lines_per_px,
                 columns_per_width: 4,
             },

@@ -1,14 +1,13 @@
 //! Exponential, logarithm and rounding of plain products and sums: loops over them vectorise, and every CPU gives the same bits.
 
-/// exp(−x) for 0 ≤ x ≤ 8.5 to 1e-4 of its value, and 2e-4 beyond: a Taylor polynomial of x/16, four times
-/// squared. Plain products and sums, so loops over it vectorise and every CPU gives the same bits.
+/// exp(−x) for 0 ≤ x ≤ 8.5 to 1e-4 of its value, and 2e-4 beyond: a polynomial of x/16 (least maximum error, fitted),
+/// four times squared. Plain products and sums, so loops over it vectorise and every CPU gives the same bits.
 #[inline(always)]
 pub fn exp_minus(x: f32) -> f32 {
     // A comparison, as `min` also looks for what is no number.
     let y = if x < 8.5 { x } else { 8.5 } * (1.0 / 16.0);
-    let series = 1.0
-        - y * (1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y * (1.0 / 120.0 - y * (1.0 / 720.0))))));
-    let squared = series * series;
+    let root = 1.0 - y * (0.999_957_26 - y * (0.499_250_6 - y * (0.162_470_66 - y * 0.032_081_59)));
+    let squared = root * root;
     let fourth = squared * squared;
     let eighth = fourth * fourth;
     eighth * eighth
@@ -29,8 +28,8 @@ pub fn power_db(power: f32) -> f32 {
     DB_PER_OCTAVE * (exponent as f32 + log2)
 }
 
-/// Cosine and sine of 2π·`turns`, for |turns| below 2²², to 2e-6 of a full swing: Taylor polynomials of the half of the
-/// angle that is left after whole turns, doubled.
+/// Cosine and sine of 2π·`turns`, for |turns| below 2²², to 2e-6 of a full swing: polynomials (least maximum error, fitted)
+/// of the half of the angle that is left after whole turns, doubled.
 #[inline(always)]
 pub fn turn(turns: f32) -> [f32; 2] {
     // Adding 1.5·2²³ rounds to the nearest whole number.
@@ -38,14 +37,8 @@ pub fn turn(turns: f32) -> [f32; 2] {
     let half = core::f32::consts::PI * (turns - ((turns + WHOLE) - WHOLE));
     let y = half * half;
     let sin = half
-        * (1.0
-            - y * (1.0 / 6.0
-                - y * (1.0 / 120.0 - y * (1.0 / 5040.0 - y * (1.0 / 362_880.0 - y * (1.0 / 39_916_800.0))))));
-    let cos = 1.0
-        - y * (0.5
-            - y * (1.0 / 24.0
-                - y * (1.0 / 720.0
-                    - y * (1.0 / 40_320.0 - y * (1.0 / 3_628_800.0 - y * (1.0 / 479_001_600.0))))));
+        * (1.0 - y * (0.166_666_48 - y * (0.008_332_9 - y * (0.000_198_008_98 - y * 0.000_002_590_488_4))));
+    let cos = 1.0 - y * (0.499_999_3 - y * (0.041_663_99 - y * (0.001_385_592_7 - y * 0.000_023_194_385)));
     [1.0 - 2.0 * sin * sin, 2.0 * sin * cos]
 }
 

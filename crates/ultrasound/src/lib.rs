@@ -18,7 +18,8 @@
 //! along the phantom's columns: lines one pixel apart, sheared with the tilt, rows one lattice step apart.
 //! Along a column the line fraction, the depth fraction and the phase are then constant, and a column is one
 //! multiply-add of a shared noise tape into two lines. Where a probe presses ([`sonoloop_types::Indentation`]) columns
-//! bend, and scatterers are added by eights instead; that takes four to five times as long.
+//! bend, and scatterers are added one by one instead, sixteen at a time, on rows that follow the press; that takes three
+//! to four times as long.
 //!
 //! | file | does |
 //! |---|---|
@@ -28,7 +29,8 @@
 //! | `shear` | working grid of one pose |
 //! | `elevation` | weights by elevation and row |
 //! | `jobs`, `splat` | which stretch of tape goes where; adding it |
-//! | `motion`, `points` | where pressed tissue is; adding its scatterers |
+//! | `motion`, `warp` | where pressed tissue is; rows that follow it |
+//! | `points`, `groups` | which of its scatterers show, and where; adding them |
 //! | `lateral`, `axial` | dual beam filter per row; pulse onto the display rows |
 //! | `needle` | echoes of the steel: shaft, tip, their repeats and side lobes |
 //! | `boundary` | mirrors where materials meet |
@@ -72,6 +74,7 @@ mod display;
 mod echo;
 mod elevation;
 mod fast;
+mod groups;
 mod jobs;
 mod lateral;
 mod lattice;
@@ -88,6 +91,7 @@ mod splat;
 mod stamp;
 mod table;
 mod tape;
+mod warp;
 
 pub use renderer::{Field, Renderer};
 use sonoloop_simd as instructions;

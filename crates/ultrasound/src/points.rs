@@ -1,8 +1,9 @@
 //! Moved tissue: scatterer by scatterer, each where it has gone.
 //!
-//! Columns are straight no more, so no table serves them all; what is kept are the grid, the delay filters that spread a
-//! scatterer over rows, and the beam filters after that. Eight scatterers of a column go together: from the first to the
-//! next group's first (0.6 mm) their motion is taken as even.
+//! Columns are straight no more, and one tape does not serve them all: its carrier would be off by the strain. On rows
+//! that follow the press (`warp`) the scatterers of a column still lie next to one another, so many of them, each with
+//! its own weight and phase, are added at a time (`groups`): to two lines and, on each, to the two parts of a row that
+//! they lie between. Only where a group goes is decided for all of it, by its ends.
 
 use rayon::prelude::*;
 use sonoloop_types::Pose;
@@ -10,50 +11,65 @@ use sonoloop_types::Pose;
 use crate::{
     beam::Beam,
     columns::{Columns, Range},
-    elevation::{ElevationTable, RowProfile},
-    fast::{exp_minus, floor, nearest_f32, turn},
+    elevation::ElevationTable,
+    fast::{floor, nearest_f32},
+    groups::{GROUP, Group, Steps, add_column, steps},
     instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
     shear::{Shear, Slab},
-    splat::{BAND, Grid},
-    tape::{BakedTape, DELAY_REACH, DELAY_TAPS},
+    splat::{BAND, Grid, transpose},
+    tape::{BakedTape, DELAY_REACH},
+    warp::{Press, Warp, straighten},
 };
 
-/// Scatterers that go together.
-const GROUP: usize = 8;
-/// Rows that are added at a time, and the most that two of the scatterers may lie apart then; where tissue is strained to
-/// more than its length a group takes two turns.
-const WINDOW: usize = 16;
-const SPREAD: i32 = (WINDOW - DELAY_TAPS) as i32;
-/// The most rows that a group may reach over.
-const MOST_APART: usize = 24;
-/// Rows before the grid's first and after its last that a group may touch.
-const MARGIN: usize = 2 * MOST_APART;
+/// Parts of a row by which a group's last scatterer may lie nearer to, or farther from, its first than the warp's rows do: two
+/// rows stand for what lies a quarter of a part beside them as well. Scatterers that drift more are added one by one.
+const DRIFT: f32 = 0.5;
+/// Bands per task; fixed, though results do not depend on it.
+const TASK_BANDS: usize = 2;
 
 /// A column of the lattice, and how far its tissue has moved.
-struct Column {
+pub struct Column {
     /// x′ and e′ at rest.
-    x_m: f64,
-    e_m: f64,
+    pub x_m: f32,
+    pub e_m: f32,
     /// Depth of scatterer 0 at rest, in rows.
-    top_row: f64,
-    /// What [`Motion::by_depth`] scales to the way down and to the way aside.
-    down_m: f64,
-    aside_m: f64,
-    tape: usize,
+    pub top_row: f64,
+    /// What [`Flow::sunk`] scales to rows, and what [`Flow::spread`] scales to rows, to a way along lines and in elevation.
+    pub rows_down: f32,
+    pub rows_aside: f32,
+    along_aside_m: f32,
+    pub elevation_aside_m: f32,
+    /// Place among the grid's lines at rest, and what [`Flow::spread`] scales to lines.
+    pub line: f32,
+    pub lines_aside: f32,
+    pub tape: usize,
     layers: Range,
 }
 
 /// What all scatterers of a picture share.
-struct Flow {
-    /// [`Motion::by_depth`] of each scatterer of a column, and of a group more.
-    by_depth: Vec<[f64; 2]>,
+pub struct Flow {
+    pub steps: Steps,
+    pub parts: usize,
+    /// Indices of the first scatterers of a column's groups, and of one group more.
+    firsts: Vec<f32>,
+    /// [`Motion::by_depth`] of all scatterers of those groups, and of those first ones.
+    pub sunk: Vec<f32>,
+    pub spread: Vec<f32>,
+    sunk_firsts: Vec<f32>,
+    spread_firsts: Vec<f32>,
     /// Rows per metre down and aside; metres along lines and in elevation per metre aside.
     rows_per_m: [f64; 2],
-    lines_per_aside: f64,
-    lines_per_m: f64,
+    along_per_aside: f64,
     elevation_per_aside: f64,
+    /// Rows of the grid that scatterers reach into it from.
+    rows: [f32; 2],
+    pub turns_per_row: f32,
+    along_per_row: f32,
+    pub elevation_per_row: f32,
+    /// Half the width that shows.
+    reach_m: f32,
 }
 
 /// Scatterers of moved tissue.
@@ -62,8 +78,31 @@ pub struct Points {
     columns: Vec<Column>,
     /// By band of lines: the columns that reach it, in the lattice's order.
     by_band: Vec<Vec<u32>>,
-    /// Delay filters with zeros around them, so that a window of rows at any distance can be read.
-    taps: Vec<[f32; 2 * WINDOW]>,
+    scratch: Vec<Scratch>,
+}
+
+/// A band under way.
+#[derive(Default)]
+struct Scratch {
+    warp: Warp,
+    /// Per line the real parts by part of a row and row, then the imaginary ones.
+    by_line: Vec<f32>,
+    /// The same by part of a row, row and line.
+    by_row: Vec<f32>,
+    ends: Ends,
+    groups: Vec<Group>,
+}
+
+/// Where the first scatterers of a column's groups are.
+#[derive(Default)]
+struct Ends {
+    /// Depth in rows of the grid, and in rows of the warp.
+    row: Vec<f32>,
+    warped: Vec<f32>,
+    e_m: Vec<f32>,
+    x_m: Vec<f32>,
+    /// Place among the grid's lines.
+    line: Vec<f32>,
 }
 
 /// Where columns stand at rest that meet the slice.
@@ -82,7 +121,6 @@ pub struct Model<'a> {
     pub tape: &'a BakedTape,
     pub elevation: &'a ElevationTable,
     pub shear: &'a Shear,
-    pub steps: Steps,
 }
 
 impl Points {
@@ -96,35 +134,46 @@ impl Points {
         motion: &Motion,
         grid: &mut Grid,
     ) {
-        let shear = model.shear;
-        let flow = Flow::new(shear, lattice, tissue, phantom_from_probe, motion);
-        self.list(&flow, shear, model.elevation, lattice, tissue, motion);
-        self.taps.clear();
-        self.taps.extend(model.tape.delay_filters.iter().map(|filter| {
-            let mut taps = [0.0; 2 * WINDOW];
-            taps[WINDOW..WINDOW + DELAY_TAPS].copy_from_slice(filter);
-            taps
-        }));
-        let (this, flow) = (&*self, &flow);
-        grid.bands(shear.lines).par_iter_mut().enumerate().for_each(|(index, band)| {
-            let first = index * BAND;
-            band.fill_whole(model.instructions, shear.rows, MARGIN, |by_line, stride| {
-                let lines = first..(first + BAND).min(shear.lines);
-                for &column in &this.by_band[index] {
-                    let column = &this.columns[column as usize];
-                    add_column(
-                        model.instructions,
-                        &this.taps,
-                        &model,
-                        flow,
-                        tissue,
-                        column,
-                        &lines,
-                        by_line,
-                        stride,
-                    );
+        let Model { instructions, beam, tape, elevation, shear, .. } = model;
+        let flow = Flow::new(&model, lattice, tissue, phantom_from_probe, motion);
+        self.list(&flow, shear, elevation, lattice, tissue, motion);
+        let press = Press { lattice, phantom_from_probe, motion, rows_per_m: flow.rows_per_m };
+        let bands = grid.bands(shear.lines);
+        self.scratch.resize_with(bands.len().div_ceil(TASK_BANDS), Scratch::default);
+        let (columns, by_band) = (&self.columns, &self.by_band);
+        let tasks = bands.par_chunks_mut(TASK_BANDS).zip(&mut self.scratch);
+        tasks.enumerate().for_each(|(task, (bands, scratch))| {
+            let Scratch { warp, by_line, by_row, ends, groups } = scratch;
+            for (i, band) in bands.iter_mut().enumerate() {
+                let index = task * TASK_BANDS + i;
+                warp.lay(&press, shear, elevation, index * BAND + BAND / 2);
+                let (parts, len) = (beam.grain.parts_per_row, warp.len());
+                // With the lines beside the band, which columns reach into as well; they are dropped.
+                let line_size = 2 * parts * len;
+                by_line.clear();
+                by_line.resize((BAND + 2) * line_size, 0.0);
+                let place = Place { flow: &flow, tape, warp, first_line: (index * BAND) as i32 };
+                for &column in &by_band[index] {
+                    let column = &columns[column as usize];
+                    follow(instructions, &flow, column, ends);
+                    warp.warp(&ends.row, &mut ends.warped);
+                    groups.clear();
+                    match parts {
+                        2 => find::<2>(&place, tissue, column, ends, groups),
+                        _ => find::<4>(&place, tissue, column, ends, groups),
+                    }
+                    add_column(instructions, &place, column, groups, by_line);
                 }
-            });
+                let by_line = &by_line[line_size..];
+                // Every value is overwritten.
+                by_row.resize(parts * len * 2 * BAND, 0.0);
+                for (part, by_row) in by_row.chunks_exact_mut(len * 2 * BAND).enumerate() {
+                    transpose(instructions, &by_line[part * len..], line_size, len, by_row);
+                    let imaginary = &by_line[(parts + part) * len..];
+                    transpose(instructions, imaginary, line_size, len, &mut by_row[BAND..]);
+                }
+                straighten(instructions, warp, by_row, parts, tape, band.whole(shear.rows));
+            }
         });
     }
 
@@ -141,7 +190,7 @@ impl Points {
         self.columns.clear();
         self.by_band.iter_mut().for_each(Vec::clear);
         self.by_band.resize_with(shear.lines.div_ceil(BAND), Vec::new);
-        let steepest = flow.by_depth.iter().fold(0.0, |most: f64, by_depth| most.max(by_depth[1]));
+        let steepest = f64::from(flow.spread.iter().copied().fold(0.0, f32::max));
         for [ix, iy] in shear.columns_across(slab(elevation, Some(motion))) {
             let layers = tissue.get(ix, iy);
             if tissue.layers(layers).is_empty() {
@@ -151,7 +200,7 @@ impl Points {
             let [down_m, aside_m] = motion.by_place(x_m, y_m);
             let x_m = shear.x.at(ix, iy);
             let line = |aside_m: f64| {
-                let x_m = x_m + aside_m * flow.lines_per_aside;
+                let x_m = x_m + aside_m * flow.along_per_aside;
                 floor((x_m - shear.first_line_m) / shear.line_pitch_m)
             };
             let (a, b) = (line(0.0), line(aside_m * steepest));
@@ -163,11 +212,15 @@ impl Points {
                 band.push(self.columns.len() as u32);
             }
             self.columns.push(Column {
-                x_m,
-                e_m: shear.e.at(ix, iy),
+                x_m: x_m as f32,
+                e_m: shear.e.at(ix, iy) as f32,
                 top_row: shear.top_row.at(ix, iy),
-                down_m,
-                aside_m,
+                rows_down: (down_m * flow.rows_per_m[0]) as f32,
+                rows_aside: (aside_m * flow.rows_per_m[1]) as f32,
+                along_aside_m: (aside_m * flow.along_per_aside) as f32,
+                line: ((x_m - shear.first_line_m) / shear.line_pitch_m) as f32,
+                lines_aside: (aside_m * flow.along_per_aside / shear.line_pitch_m) as f32,
+                elevation_aside_m: (aside_m * flow.elevation_per_aside) as f32,
                 tape: lattice.tape_offset(ix, iy),
                 layers,
             });
@@ -175,262 +228,139 @@ impl Points {
     }
 }
 
+/// What it takes to add a band's columns.
+pub struct Place<'a> {
+    pub flow: &'a Flow,
+    pub tape: &'a BakedTape,
+    pub warp: &'a Warp,
+    /// The band's first line.
+    first_line: i32,
+}
+
 wide! {
-    /// Adds what a column's scatterers leave on some lines.
-    #[expect(clippy::too_many_arguments, reason = "the scene, the column and where it goes")]
-    fn add_column(
-        taps: &[[f32; 2 * WINDOW]],
-        model: &Model,
-        flow: &Flow,
-        tissue: &Columns,
-        column: &Column,
-        lines: &core::ops::Range<usize>,
-        by_line: &mut [f32],
-        stride: usize,
-    ) {
-        let Model { tape, shear, steps, .. } = model;
-        let rows = shear.rows as f64;
-        let end = flow.by_depth.len() as i32 - GROUP as i32;
-        let mut next = 0;
-        for &layer in tissue.layers(column.layers) {
-            let (layer_first, layer_end) = (next, layer.end.min(end));
-            next = layer_end;
-            let amplitude = tissue.filling(layer).amplitude;
-            if amplitude == 0.0 {
-                continue;
-            }
-            // Where a group's first scatterer is, and that after its last.
-            let mut above = flow.place(model, column, layer_first);
-            for first in (layer_first..layer_end).step_by(GROUP) {
-                let below = flow.place(model, column, first + GROUP as i32);
-                let ends = [core::mem::replace(&mut above, below), below];
-                let count = (layer_end - first).min(GROUP as i32) as usize;
-                if ends[1].row < -(DELAY_REACH as f64) {
-                    continue;
-                }
-                if ends[0].row > rows + DELAY_REACH as f64 - 1.0 {
-                    return;
-                }
-                // A face wider than any probe's tears the tissue apart under a tilt; margins hold a window.
-                if (ends[1].row - ends[0].row).abs() > MOST_APART as f64 {
-                    continue;
-                }
-                let profiles = ends.map(|end| end.profile);
-                let reach_m = if profiles[0].reach_m > profiles[1].reach_m { profiles[0].reach_m } else { profiles[1].reach_m };
-                let beside = |a: f64, b: f64, reach: f64| (a > reach && b > reach) || (a < -reach && b < -reach);
-                if beside(ends[0].e_m, ends[1].e_m, f64::from(reach_m))
-                    || beside(ends[0].x_m, ends[1].x_m, shear.reach_m)
-                {
-                    continue;
-                }
-                let place = 0.5 * (ends[0].line + ends[1].line);
-                let line = floor(place);
-                if line + 1 < lines.start as i64 || line >= lines.end as i64 {
-                    continue;
-                }
+    /// Finds where a column's groups begin.
+    fn follow(flow: &Flow, column: &Column, ends: &mut Ends) {
+        let count = flow.firsts.len();
+        for values in [&mut ends.row, &mut ends.e_m, &mut ends.x_m, &mut ends.line] {
+            values.resize(count, 0.0);
+        }
+        let (row, e_m) = (&mut ends.row[..count], &mut ends.e_m[..count]);
+        let (x_m, line) = (&mut ends.x_m[..count], &mut ends.line[..count]);
+        let (sunk, spread) = (&flow.sunk_firsts[..count], &flow.spread_firsts[..count]);
+        let top = column.top_row as f32;
+        for i in 0..count {
+            row[i] = top + flow.firsts[i] + column.rows_down * sunk[i] + column.rows_aside * spread[i];
+        }
+        for i in 0..count {
+            e_m[i] = column.e_m + flow.elevation_per_row * row[i] + column.elevation_aside_m * spread[i];
+        }
+        for i in 0..count {
+            x_m[i] = column.x_m + column.along_aside_m * spread[i] + flow.along_per_row * row[i];
+            line[i] = column.line + column.lines_aside * spread[i];
+        }
+    }
+}
 
-                let mut group = Group::new(column.tape + first as usize, tape);
-                let rows_apart = (ends[1].row - ends[0].row) as f32 * PER_STEP;
-                let e_apart_m = (ends[1].e_m - ends[0].e_m) as f32 * PER_STEP;
-                let turns = ends[0].row * model.turns_per_row();
-                let turns_apart = rows_apart * model.turns_per_row() as f32;
-                let weights = weights(steps, &profiles, reach_m, [ends[0].e_m as f32, e_apart_m]);
-                group.weigh(steps, &weights, amplitude, count);
-                group.turn(steps, (turns - floor(turns) as f64) as f32, turns_apart);
-                let whole_row = floor(ends[0].row);
-                let past = (ends[0].row - whole_row as f64) as f32;
-                group.place(steps, past, rows_apart, tape.sub_delays);
-                let fraction = (place - line as f64) as f32;
-                let first_row = whole_row + (MARGIN - DELAY_REACH) as i64;
-                let mut done = 0;
-                while done < count {
-                    let base = group.row[done];
-                    let fits = |row: &&i32| (base..=base + SPREAD).contains(*row);
-                    let together = group.row[done..count].iter().take_while(fits).count();
-                    let part = group.spread(taps, done..done + together, base);
-                    let first_row = (first_row + i64::from(base)) as usize;
-                    for (line, share) in [(line, 1.0 - fraction), (line + 1, fraction)] {
-                        if line < lines.start as i64 || line >= lines.end as i64 {
-                            continue;
-                        }
-                        let line = &mut by_line[(line as usize - lines.start) * 2 * stride..][..2 * stride];
-                        let (line_re, line_im) = line.split_at_mut(stride);
-                        for (out, part) in [(line_re, &part[0]), (line_im, &part[1])] {
-                            for (out, part) in out[first_row..][..WINDOW].iter_mut().zip(part) {
-                                *out += share * part;
-                            }
-                        }
-                    }
-                    done += together;
-                }
+/// Finds the groups of a column that show on a band, where a row has so many parts.
+fn find<const PARTS: usize>(
+    place: &Place,
+    tissue: &Columns,
+    column: &Column,
+    ends: &Ends,
+    groups: &mut Vec<Group>,
+) {
+    let end = place.flow.sunk.len() - GROUP;
+    let mut next = 0;
+    for &layer in tissue.layers(column.layers) {
+        let (first, last) = (next, (layer.end.max(0) as usize).min(end));
+        next = last;
+        let amplitude = tissue.filling(layer).amplitude;
+        if amplitude == 0.0 || first == last {
+            continue;
+        }
+        for index in first / GROUP..=(last - 1) / GROUP {
+            if let Some(group) = place.group::<PARTS>(ends, index) {
+                let begin = index * GROUP;
+                let [from, to] = [first, last].map(|n| n.saturating_sub(begin).min(GROUP) as f32);
+                groups.push(Group { first: begin as u32, from, to, amplitude, ..group });
             }
         }
     }
 }
 
-/// Echoes of some scatterers, and where they go.
-#[derive(Default)]
-struct Group {
-    re: [f32; GROUP],
-    im: [f32; GROUP],
-    row: [i32; GROUP],
-    sub_delay: [i32; GROUP],
-}
-
-pub type Steps = [f32; GROUP];
-
-/// 0, 1, 2, …: not known to the compiler, which would do some of them apart, and then all one by one.
-pub fn steps() -> Steps {
-    core::hint::black_box([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
-}
-
-/// Share of the way through a group from one scatterer to the next.
-const PER_STEP: f32 = 1.0 / GROUP as f32;
-
-/// Weights of the slice for a group whose first scatterer, and the one after its last, meet these profiles.
-#[inline(always)]
-fn weights(
-    steps: &Steps,
-    [above, below]: &[RowProfile; 2],
-    reach_m: f32,
-    [e_m, e_apart_m]: [f32; 2],
-) -> [f32; GROUP] {
-    let (decays, peaks) = (below.decay - above.decay, below.peak - above.peak);
-    let mut weights = [0.0; GROUP];
-    for (weight, step) in weights.iter_mut().zip(steps) {
-        let (share, e_m) = (step * PER_STEP, e_m + step * e_apart_m);
-        let square = e_m * e_m;
-        let inside = (above.peak + share * peaks) * exp_minus(square * (above.decay + share * decays));
-        *weight = if square <= reach_m * reach_m { inside } else { 0.0 };
-    }
-    weights
-}
-
-#[expect(
-    clippy::needless_range_loop,
-    reason = "loops over several arrays side by side, without branches, vectorise"
-)]
-impl Group {
+impl Place<'_> {
+    /// Where a group goes; `None` where it does not show.
     #[inline(always)]
-    fn new(sample: usize, tape: &BakedTape) -> Self {
-        let [re, im] = tape.raw_parts(sample);
-        Self { re, im, ..Self::default() }
-    }
-
-    #[inline(always)]
-    fn weigh(&mut self, steps: &Steps, weights: &[f32; GROUP], amplitude: f32, count: usize) {
-        let count = count as f32;
-        for i in 0..GROUP {
-            let weight = if steps[i] < count { amplitude * weights[i] } else { 0.0 };
-            self.re[i] *= weight;
-            self.im[i] *= weight;
+    fn group<const PARTS: usize>(&self, ends: &Ends, index: usize) -> Option<Group> {
+        let Self { flow, warp, first_line, .. } = *self;
+        let both = |values: &[f32]| (values[index], values[index + 1]);
+        let ((above, below), e_m) = (both(&ends.row), both(&ends.e_m));
+        if below < flow.rows[0] || above > flow.rows[1] {
+            return None;
         }
-    }
-
-    /// The phase of depth, −2π·turns.
-    #[inline(always)]
-    fn turn(&mut self, steps: &Steps, turns: f32, turns_apart: f32) {
-        for i in 0..GROUP {
-            let [cos, sin] = turn(turns + steps[i] * turns_apart);
-            let (re, im) = (self.re[i], self.im[i]);
-            self.re[i] = re * cos + im * sin;
-            self.im[i] = im * cos - re * sin;
+        let warped = both(&ends.warped);
+        let middle = nearest_f32(0.5 * (warped.0 + warped.1) * PARTS as f32 - 0.5) as usize;
+        let at = (middle / PARTS).wrapping_sub(GROUP / 2);
+        if at >= warp.len() - GROUP {
+            return None;
         }
-    }
-
-    /// Rounds depths to delays of the tape's; sub-delay s stands for the fraction s/S − ½.
-    #[inline(always)]
-    fn place(&mut self, steps: &Steps, past: f32, rows_apart: f32, sub_delays: usize) {
-        let count = sub_delays as f32;
-        let per_row = 1.0 / count;
-        for i in 0..GROUP {
-            let delays = (past + steps[i] * rows_apart) * count + count / 2.0;
-            let delays = nearest_f32(if delays > 0.0 { delays } else { 0.0 });
-            // The whole part: exact, as the fraction is never half a row from the middle of one.
-            let row = nearest_f32((delays as f32 - (count - 1.0) / 2.0) * per_row);
-            self.row[i] = row;
-            self.sub_delay[i] = delays - row * sub_delays as i32;
+        let beside = |(a, b): (f32, f32), reach: f32| (a > reach && b > reach) || (a < -reach && b < -reach);
+        if beside(e_m, warp.reach_m[at + GROUP / 2]) || beside(both(&ends.x_m), flow.reach_m) {
+            return None;
         }
-    }
-
-    /// Real and imaginary parts of the rows from `base` on.
-    #[inline(always)]
-    fn spread(
-        &self,
-        taps: &[[f32; 2 * WINDOW]],
-        part: core::ops::Range<usize>,
-        base: i32,
-    ) -> [[f32; WINDOW]; 2] {
-        let mut sum = [[0.0; WINDOW]; 2];
-        for i in part {
-            let taps = &taps[self.sub_delay[i] as usize][WINDOW - (self.row[i] - base) as usize..][..WINDOW];
-            let [re, im] = &mut sum;
-            for ((re, im), tap) in re.iter_mut().zip(im).zip(taps) {
-                *re += self.re[i] * tap;
-                *im += self.im[i] * tap;
-            }
+        let line = both(&ends.line);
+        let whole = nearest_f32(0.5 * (line.0 + line.1) - 0.5);
+        let line = (whole + 1 - first_line) as usize;
+        if line > BAND {
+            return None;
         }
-        sum
+        Some(Group {
+            at: at as u32,
+            part: (middle % PARTS) as u32,
+            line: line as u32,
+            whole_line: whole as f32,
+            together: ((warped.1 - warped.0 - GROUP as f32) * PARTS as f32).abs() <= DRIFT,
+            ..Group::default()
+        })
     }
-}
-
-impl Model<'_> {
-    /// Turns of the phase from one row to the next.
-    #[inline(always)]
-    fn turns_per_row(&self) -> f64 {
-        self.beam.two_k_rad_m * self.shear.row_step_m / core::f64::consts::TAU
-    }
-}
-
-/// Where a scatterer is.
-#[derive(Clone, Copy)]
-struct Place {
-    /// Depth in rows.
-    row: f64,
-    x_m: f64,
-    e_m: f64,
-    /// Place among the grid's lines.
-    line: f64,
-    profile: RowProfile,
 }
 
 impl Flow {
     fn new(
-        shear: &Shear,
+        model: &Model,
         lattice: &Lattice,
         tissue: &Columns,
         phantom_from_probe: &Pose,
         motion: &Motion,
     ) -> Self {
+        let Model { beam, shear, .. } = *model;
         let probe_from_phantom = phantom_from_probe.inverse();
         let down = probe_from_phantom * -sonoloop_types::Vector::z();
         let aside = probe_from_phantom * motion.sideways();
-        let count = (tissue.thickness_m() / lattice.depth_step_m).ceil() as usize + 1;
+        let scatterers = ((tissue.thickness_m() / lattice.depth_step_m).ceil() as usize + 1 + GROUP)
+            .next_multiple_of(GROUP);
         let depth_m = |n: usize| (n as f64 + 0.5) * lattice.depth_step_m;
-        let rows_per_m = [down.z / shear.row_step_m, aside.z / shear.row_step_m];
+        let by_depth = |part: usize| -> Vec<f32> {
+            (0..scatterers).map(|n| motion.by_depth(depth_m(n))[part] as f32).collect()
+        };
+        let (sunk, spread) = (by_depth(0), by_depth(1));
+        let row_step_m = shear.row_step_m;
         Self {
-            by_depth: (0..count + GROUP).map(|n| motion.by_depth(depth_m(n))).collect(),
-            rows_per_m,
-            lines_per_m: 1.0 / shear.line_pitch_m,
-            lines_per_aside: aside.x - shear.lateral_slope * aside.z,
+            steps: steps(),
+            parts: beam.grain.parts_per_row,
+            firsts: (0..scatterers).step_by(GROUP).map(|n| n as f32).collect(),
+            sunk_firsts: sunk.iter().step_by(GROUP).copied().collect(),
+            spread_firsts: spread.iter().step_by(GROUP).copied().collect(),
+            sunk,
+            spread,
+            rows_per_m: [down.z / row_step_m, aside.z / row_step_m],
+            along_per_aside: aside.x - shear.lateral_slope * aside.z,
             elevation_per_aside: aside.y - shear.elevation_slope * aside.z,
-        }
-    }
-
-    #[inline(always)]
-    fn place(&self, model: &Model, column: &Column, n: i32) -> Place {
-        let Model { shear, elevation, .. } = model;
-        let [f, slope] = self.by_depth[n as usize];
-        let (down_m, aside_m) = (column.down_m * f, column.aside_m * slope);
-        let row = column.top_row + f64::from(n) + down_m * self.rows_per_m[0] + aside_m * self.rows_per_m[1];
-        let z_m = row * shear.row_step_m;
-        let sheared_m = column.x_m + aside_m * self.lines_per_aside;
-        Place {
-            row,
-            x_m: sheared_m + shear.lateral_slope * z_m,
-            e_m: column.e_m + shear.elevation_slope * z_m + aside_m * self.elevation_per_aside,
-            line: (sheared_m - shear.first_line_m) * self.lines_per_m,
-            profile: elevation.profile(row),
+            rows: [-(DELAY_REACH as f32), (shear.rows + DELAY_REACH - 1) as f32],
+            turns_per_row: (beam.two_k_rad_m * row_step_m / core::f64::consts::TAU) as f32,
+            along_per_row: (shear.lateral_slope * row_step_m) as f32,
+            elevation_per_row: (shear.elevation_slope * row_step_m) as f32,
+            reach_m: shear.reach_m as f32,
         }
     }
 }

@@ -305,8 +305,7 @@ impl Renderer {
             || {
                 let Some(shear) = shear else { return };
                 if let Some(motion) = motion {
-                    let model =
-                        points::Model { instructions, beam, tape, elevation, shear, steps: points::steps() };
+                    let model = points::Model { instructions, beam, tape, elevation, shear };
                     points.fill(model, lattice, tissue, pose, motion, grid);
                 } else {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;

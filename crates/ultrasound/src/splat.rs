@@ -100,22 +100,11 @@ impl Grid {
 }
 
 impl Band {
-    /// Fills all rows of all lines. `add` gets the lines one after another and the values per part: real ones, then
-    /// imaginary ones, each with `margin` rows more at both ends, which are dropped.
-    pub fn fill_whole(
-        &mut self,
-        instructions: Instructions,
-        rows: usize,
-        margin: usize,
-        add: impl FnOnce(&mut [f32], usize),
-    ) {
-        let stride = rows + 2 * margin;
-        let mut by_line = vec![0.0; BAND * 2 * stride];
-        add(&mut by_line, stride);
+    /// All of so many rows, `BAND` real parts and as many imaginary ones each, to be overwritten.
+    pub fn whole(&mut self, rows: usize) -> &mut [f32] {
         (self.lo, self.hi) = (0, rows);
         self.rows.resize(rows * 2 * BAND, 0.0);
-        transpose(instructions, &by_line[margin..], 2 * stride, rows, &mut self.rows);
-        transpose(instructions, &by_line[stride + margin..], 2 * stride, rows, &mut self.rows[BAND..]);
+        &mut self.rows
     }
 
     fn fill(&mut self, index: usize, jobs: &Jobs, sources: Sources, scratch: &mut Scratch) {
@@ -311,7 +300,7 @@ fn add(
 
 wide! {
     /// Turns lines, `stride` apart, into rows of a band, by quads.
-    fn transpose(source: &[f32], stride: usize, rows: usize, out: &mut [f32]) {
+    pub fn transpose(source: &[f32], stride: usize, rows: usize, out: &mut [f32]) {
         for line in (0..BAND).step_by(4) {
             let [a, b, c, d] = [0, 1, 2, 3].map(|i| source[(line + i) * stride..][..rows].as_chunks::<4>().0);
             for ((((a, b), c), d), out) in a.iter().zip(b).zip(c).zip(d).zip(out.chunks_mut(4 * 2 * BAND)) {

@@ -17,7 +17,7 @@ pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 /// than a sine per sample, and stay in the caches.
 const STRETCH: usize = 64;
 /// Samples of the unmodulated tape that can be read across its end.
-const RAW_MARGIN: usize = 8;
+const RAW_MARGIN: usize = 16;
 /// Samples filtered together.
 const BLOCK: usize = 16;
 

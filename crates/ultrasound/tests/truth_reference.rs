@@ -139,6 +139,16 @@ fn truth_of_pressed_tissue() {
     }
 }
 
+/// A press so deep that columns are strained unlike their band, and their scatterers go one by one.
+#[test]
+fn truth_of_deeply_pressed_tissue() {
+    let pose = pose(0.31, 0.12, -10.0, 20.0, 0.0, 0.0);
+    let slice = Slice { indentation: Some(press(&pose, 24e-3, 10e-3)), ..slice(pose) };
+    let error = relative_error(&probe(), &half_gel(), &slice);
+    println!("{:.2} % deeply pressed", error * 100.0);
+    assert!(error <= 0.05, "error {error:.4} over 5 %");
+}
+
 #[test]
 fn truth_of_pressed_layers() {
     let error = relative_error(&probe(), &layers(), &pressed(pose(0.31, 0.12, -3.0, 20.0, -8.0, 6.0)));
