@@ -58,8 +58,25 @@ fn lateral_recovery_holds_its_bounds_for_seeds_0_to_9() {
     });
 }
 
+/// Another make, another wrist, another inverse kinematics: the arm changes and nothing else.
+#[test]
+fn an_arm_without_a_spherical_wrist_carries_both_lateral_scenarios() {
+    let cases: Vec<_> = ["scenarios/lateral_plain.yaml", "scenarios/lateral_recovery.yaml"]
+        .into_iter()
+        .flat_map(|file| (0..5).map(move |seed| (file, seed)))
+        .collect();
+    for_each(&cases, |&(file, seed)| {
+        let finished = run_file_with(file, seed, "robot=../robots/ur5e/robot.yaml");
+        assert!(finished.passed(), "{file}, seed {seed}: {}", finished.failed().join(", "));
+    });
+}
+
 fn run_with(seed: u64, set: &str) -> Finished {
-    let file = common::file("scenarios/lateral_plain.yaml");
+    run_file_with("scenarios/lateral_plain.yaml", seed, set)
+}
+
+fn run_file_with(file: &str, seed: u64, set: &str) -> Finished {
+    let file = common::file(file);
     let (scenario, session) = prepare(&file, Some(seed), &[set.to_owned()]).unwrap_or_else(|e| panic!("{e}"));
     execute_in_process(&scenario, session, ControllerKind::Tracker).unwrap_or_else(|e| panic!("{set}: {e}"))
 }

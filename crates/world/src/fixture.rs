@@ -71,6 +71,14 @@ pub fn kuka() -> ArmSpec {
     }
 }
 
+/// An arm of `robots/`.
+pub fn in_the_box(name: &str) -> ArmSpec {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/lateral_plain.yaml");
+    let set = vec![format!("robot=../robots/{name}/robot.yaml")];
+    let options = sonoloop_scenario::LoadOptions { set, ..Default::default() };
+    sonoloop_scenario::load(&file, &options).expect("the files in the box load").arm
+}
+
 pub fn probe() -> ProbeSpec {
     let table = [(0.008, 2.02), (0.012, 0.9), (0.018, 0.75), (0.025, 1.09), (0.030, 1.46), (0.040, 2.77)];
     ProbeSpec {
