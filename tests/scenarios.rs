@@ -4,6 +4,7 @@ use sonoloop::commands::{Finished, execute_in_process};
 use sonoloop::controller::ControllerKind;
 use sonoloop::null::Null;
 use sonoloop::scenarios::prepare;
+use sonoloop_types::EventKind;
 
 mod common;
 
@@ -30,6 +31,8 @@ fn for_each<T: Sync>(cases: &[T], check: impl Fn(&T) + Sync) {
 fn every_scenario_passes_with_its_own_seed() {
     for_each(&common::scenarios(), |file| {
         let finished = run(file, None, ControllerKind::Tracker);
+        let collided = finished.events.iter().find(|event| event.kind == EventKind::Collision);
+        assert_eq!(collided, None, "{}", file.display());
         let failed = finished.failed();
         assert!(failed.is_empty(), "{}: {}", file.display(), failed.join(", "));
     });
