@@ -65,8 +65,10 @@ pub enum WorldError {
         depth_mm: f64,
     },
     /// Something touches at the start that must not.
-    #[error("robot.world_from_base: at the start {between} is nearer than {margin_mm:.1} mm")]
+    #[error("{key}: at the start {between} are nearer than {margin_mm:.1} mm")]
     StartCollision {
+        /// What to change: where the arm stands, or how the needle goes in.
+        key: &'static str,
         /// The two bodies.
         between: String,
         /// The distance that is kept.

@@ -110,7 +110,12 @@ impl Model {
             needle_robot.link_poses(insertion.start_depth_m).map(|link| world_from_needle_base * link);
         scene.excuse_own_neighbours(arm_at_rest.link_poses(), &needle_links);
         if let Some(nearest) = scene.nearest(arm_at_rest.link_poses(), &needle_links) {
-            return Err(WorldError::StartCollision { between: nearest.between, margin_mm: MARGIN_M * 1e3 });
+            let key = if nearest.with_needle_robot { "insertion" } else { "robot.world_from_base" };
+            return Err(WorldError::StartCollision {
+                key,
+                between: nearest.between,
+                margin_mm: MARGIN_M * 1e3,
+            });
         }
 
         // From here on what the operator sees and marks: the measured pose, not the true one.

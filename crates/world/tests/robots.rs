@@ -5,7 +5,7 @@ mod fixture;
 
 use fixture::boxed;
 use sonoloop_scenario::Scenario;
-use sonoloop_types::{ArmStatus, Command, Estimate, Event, EventKind, Pose, Reason, TrackState};
+use sonoloop_types::{ArmStatus, Command, Estimate, Event, EventKind, Pose, Reason, TrackState, Vector};
 use sonoloop_world::{World, WorldError};
 
 const ARMS: [&str; 2] = ["kuka_kr6_r900", "ur5e"];
@@ -93,6 +93,20 @@ fn the_table_stops_either_arm() {
         assert!(found.first().is_some_and(|e| e.detail.contains("table")), "{arm}: {found:?}");
         assert_eq!(status(&world), ArmStatus::Collision, "{arm}");
         assert!(!world.truth().collision, "{arm}: stopped before it touched");
+    }
+}
+
+#[test]
+fn a_hub_in_the_arms_wrist_is_refused_before_the_start() {
+    for arm in ARMS {
+        let mut scenario = boxed(arm);
+        let angle = 80f64.to_radians();
+        scenario.insertion.axis_in_world = Vector::new(angle.cos(), 0.0, -angle.sin());
+        scenario.insertion.entry_in_world.x = -0.015;
+        scenario.insertion.target_depth_m = 0.03;
+        let error = World::new(&scenario).err().expect("no room for both").to_string();
+        assert!(error.starts_with("insertion: at the start"), "{arm}: {error}");
+        assert!(error.contains("needle robot are nearer"), "{arm}: {error}");
     }
 }
 
