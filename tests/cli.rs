@@ -72,6 +72,25 @@ impl Box {
 const SCENARIO: &str = "scenarios/lateral_plain.yaml";
 const URDF: &str = "robots/kuka_kr6_r900/robot.urdf";
 
+/// The path is relative to the scenario, the description's to the robot's file; the meshes are nowhere.
+#[test]
+fn a_users_own_arm_with_missing_meshes_carries_a_scenario() {
+    let files = Box::new();
+    for link in ["forearm_link", "upper_arm_link", "wrist_1_link"] {
+        let named = format!("<link name=\"{link}\">");
+        let mesh =
+            "<collision><geometry><mesh filename=\"package://nowhere/part.dae\"/></geometry></collision>";
+        files.edit("robots/ur5e/robot.urdf", &named, &format!("{named}{mesh}"));
+    }
+    std::fs::rename(files.path("robots/ur5e"), files.path("mine")).expect("another place");
+    let mut command = program();
+    command.arg("run").arg(files.path("scenarios/lateral_plain.yaml"));
+    command.args(["--set", "robot=../mine/robot.yaml", "--in-process", "--json"]);
+    let finished = finish(start(command));
+    assert_eq!(finished.code(), 0, "{}", finished.stderr);
+    assert_eq!(finished.json()["verdict"], "pass");
+}
+
 #[test]
 fn an_unknown_key_is_named_with_file_and_line() {
     let files = Box::new();

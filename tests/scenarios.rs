@@ -4,6 +4,7 @@ use sonoloop::commands::{Finished, execute_in_process};
 use sonoloop::controller::ControllerKind;
 use sonoloop::null::Null;
 use sonoloop::scenarios::prepare;
+use sonoloop_types::EventKind;
 
 mod common;
 
@@ -30,6 +31,8 @@ fn for_each<T: Sync>(cases: &[T], check: impl Fn(&T) + Sync) {
 fn every_scenario_passes_with_its_own_seed() {
     for_each(&common::scenarios(), |file| {
         let finished = run(file, None, ControllerKind::Tracker);
+        let collided = finished.events.iter().find(|event| event.kind == EventKind::Collision);
+        assert_eq!(collided, None, "{}", file.display());
         let failed = finished.failed();
         assert!(failed.is_empty(), "{}: {}", file.display(), failed.join(", "));
     });
@@ -58,8 +61,25 @@ fn lateral_recovery_holds_its_bounds_for_seeds_0_to_9() {
     });
 }
 
+/// Another make, another wrist, another inverse kinematics: the arm changes and nothing else.
+#[test]
+fn an_arm_without_a_spherical_wrist_carries_both_lateral_scenarios() {
+    let cases: Vec<_> = ["scenarios/lateral_plain.yaml", "scenarios/lateral_recovery.yaml"]
+        .into_iter()
+        .flat_map(|file| (0..5).map(move |seed| (file, seed)))
+        .collect();
+    for_each(&cases, |&(file, seed)| {
+        let finished = run_file_with(file, seed, "robot=../robots/ur5e/robot.yaml");
+        assert!(finished.passed(), "{file}, seed {seed}: {}", finished.failed().join(", "));
+    });
+}
+
 fn run_with(seed: u64, set: &str) -> Finished {
-    let file = common::file("scenarios/lateral_plain.yaml");
+    run_file_with("scenarios/lateral_plain.yaml", seed, set)
+}
+
+fn run_file_with(file: &str, seed: u64, set: &str) -> Finished {
+    let file = common::file(file);
     let (scenario, session) = prepare(&file, Some(seed), &[set.to_owned()]).unwrap_or_else(|e| panic!("{e}"));
     execute_in_process(&scenario, session, ControllerKind::Tracker).unwrap_or_else(|e| panic!("{set}: {e}"))
 }

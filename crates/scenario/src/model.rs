@@ -26,7 +26,7 @@ pub struct Scenario {
     pub view: View,
     /// The arm that carries the probe.
     pub arm: ArmSpec,
-    /// The robot that feeds the needle.
+    /// The robot that holds and feeds the needle.
     pub needle_robot: NeedleRobotSpec,
     /// The probe and its scanner.
     pub probe: ProbeSpec,
@@ -94,11 +94,21 @@ pub struct OpwSpec {
     pub signs: [i8; 6],
 }
 
-/// The robot that feeds the needle.
-#[derive(Debug, Clone, PartialEq)]
+/// The robot that holds the needle by its hub and feeds it: three slides, then two turns.
+#[derive(Debug, Clone)]
 pub struct NeedleRobotSpec {
     /// Name shown in reports.
     pub name: String,
+    /// The robot description, parsed and checked: three prismatic and two revolute joints between the two links.
+    pub urdf: urdf_rs::Robot,
+    /// Name of the link that is the robot's base frame.
+    pub base_link: String,
+    /// Name of the link that holds the hub: origin where the needle begins, z along the needle.
+    pub hub_link: String,
+    /// Names of the five actuated joints from base to hub.
+    pub joint_names: [String; 5],
+    /// Where the base stands, nominally.
+    pub world_from_base: Pose,
     /// Fastest feed.
     pub max_feed_m_s: f64,
     /// Acceleration and deceleration of the feed.
@@ -217,6 +227,14 @@ pub struct CalibrationSpec {
     pub probe_sigma_m: f64,
     /// Probe mount's orientation.
     pub probe_sigma_rad: f64,
+    /// Needle robot's base as the arm's base sees it, each axis: the robot-to-robot calibration.
+    pub robot_sigma_m: f64,
+    /// Orientation of the needle robot's base.
+    pub robot_sigma_rad: f64,
+    /// Noise of each of the arm's joint encoders, per image.
+    pub encoder_sigma_rad: f64,
+    /// Noise of the needle robot's measured depth, per image.
+    pub encoder_sigma_m: f64,
     /// Operator's click on the tip, each axis.
     pub click_sigma_px: f64,
     /// Noise of the measured force.

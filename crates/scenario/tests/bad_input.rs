@@ -9,6 +9,8 @@ use sonoloop_scenario::{LoadError, LoadOptions, load};
 const SCENARIO: &str = "scenarios/lateral_recovery.yaml";
 const ARM: &str = "robots/kuka_kr6_r900/robot.yaml";
 const URDF: &str = "robots/kuka_kr6_r900/robot.urdf";
+const NEEDLE_ROBOT: &str = "robots/needle_robot/robot.yaml";
+const NEEDLE_URDF: &str = "robots/needle_robot/robot.urdf";
 const PHANTOM: &str = "phantoms/gelatin_agar_heterogeneous.yaml";
 
 /// One edit of a sound file, and what the message must say.
@@ -53,6 +55,18 @@ fn scenario_cases() -> Vec<Case> {
         case(s, "seed: 0", "seed: 0\nseed: 1", &["duplicate", "seed"]),
         case(s, "entry_mm: [-32, 0]", "entry_mm: [-32, 0", &["lateral_recovery.yaml:13:12", "':'"]),
         // Ranges.
+        case(
+            s,
+            "tracker:\n",
+            "calibration: {robot_deg: 6}\ntracker:\n",
+            &["calibration.robot_deg = 6", "at most 5"],
+        ),
+        case(
+            s,
+            "tracker:\n",
+            "calibration: {encoder_deg: -0.1}\ntracker:\n",
+            &["calibration.encoder_deg = -0.1", "at least 0"],
+        ),
         case(s, "angle_deg: 40", "angle_deg: 95", &["insertion.angle_deg = 95", "at most 85"]),
         case(s, "duration_s: 40", "duration_s: 0", &["duration_s = 0", "at least 0.1"]),
         case(s, "angle_deg: 40", "angle_deg: .nan", &["insertion.angle_deg = NaN", "finite"]),
@@ -275,12 +289,53 @@ fn robot_cases() -> Vec<Case> {
         case(URDF, "<origin xyz=\"0.025 0 0\"", "<origin xyz=\"nan 0 0\"", &["joint `joint_a2`", "finite"]),
         case(URDF, "</robot>", "", &["is not a URDF"]),
         case(URDF, "<robot name", "<machine name", &["is not a URDF"]),
+        // A seventh joint; one without limits; limits of a sort that turns; links in a loop.
         case(
-            "robots/needle_robot/robot.yaml",
-            "watchdog_ms: 200",
-            "watchdog_ms: 0",
-            &["watchdog_ms = 0", "at least 1"],
+            URDF,
+            "<joint name=\"flange-tool0\" type=\"fixed\">",
+            "<joint name=\"flange-tool0\" type=\"continuous\"><limit effort=\"0\" velocity=\"1\"/>",
+            &["has 7 actuated joints", "exactly 6"],
         ),
+        case(
+            URDF,
+            "<limit lower=\"-2.96706\" upper=\"2.96706\" effort=\"0\" velocity=\"6.283185\"/>",
+            "",
+            &["joint `joint_a1`", "lower = 0, upper = 0", "lower < upper (rad)"],
+        ),
+        case(
+            URDF,
+            fixed,
+            "name=\"joint_a5\" type=\"floating\"",
+            &["joint `joint_a5`", "is floating", "revolute"],
+        ),
+        case(
+            URDF,
+            "<parent link=\"base_link\"/>",
+            "<parent link=\"tool0\"/>",
+            &["no chain of joints", "`base_link`", "`tool0`", "loop"],
+        ),
+        case(NEEDLE_ROBOT, "hub_link: hub", "hub_link: tip", &["hub_link = \"tip\"", "robot.urdf", "chuck"]),
+        case(NEEDLE_ROBOT, "hub_link: hub", "hub_link: yaw_head", &["has 4 actuated joints", "exactly 5"]),
+        case(NEEDLE_ROBOT, "urdf: robot.urdf\n", "", &["missing field", "urdf"]),
+        case(
+            NEEDLE_URDF,
+            "name=\"lift\" type=\"prismatic\"",
+            "name=\"lift\" type=\"revolute\"",
+            &["joint `lift`", "is revolute", "joint 3 of the 5", "must be prismatic"],
+        ),
+        case(
+            NEEDLE_URDF,
+            "lower=\"-0.220\"",
+            "lower=\"0.3\"",
+            &["joint `lift`", "lower = 0.3, upper = 0.22", "lower < upper (m)"],
+        ),
+        case(
+            NEEDLE_URDF,
+            "upper=\"0.150\" effort=\"0\" velocity=\"0.050\"",
+            "upper=\"0.150\" effort=\"0\" velocity=\"0\"",
+            &["joint `reach`", "velocity = 0", "> 0 (m/s)"],
+        ),
+        case(NEEDLE_ROBOT, "watchdog_ms: 200", "watchdog_ms: 0", &["watchdog_ms = 0", "at least 1"]),
     ]
 }
 

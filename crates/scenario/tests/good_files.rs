@@ -168,6 +168,31 @@ fn an_entry_more_shifts_no_other_draw() {
     assert_eq!(before.disturbances, after.disturbances);
 }
 
+/// Whatever a user's own description holds beside its chain: meshes that are nowhere, a wrist without end.
+#[test]
+fn an_arm_of_ones_own_loads_with_meshes_that_are_not_there() {
+    let dir = common::sandbox();
+    let own = dir.path().join("elsewhere");
+    std::fs::create_dir_all(own.join("description")).unwrap();
+    let read = |name: &str| std::fs::read_to_string(dir.path().join("robots/ur5e").join(name)).unwrap();
+    let urdf = read("robot.urdf")
+        .replace(
+            "<cylinder radius=\"0.055\" length=\"0.425\"/>",
+            "<mesh filename=\"package://nowhere/arm.stl\"/>",
+        )
+        .replace("name=\"wrist_3_joint\" type=\"revolute\"", "name=\"wrist_3_joint\" type=\"continuous\"");
+    assert!(urdf.contains("nowhere") && urdf.contains("continuous"));
+    std::fs::write(own.join("description/own.urdf"), urdf).unwrap();
+    let yaml = read("robot.yaml").replace("urdf: robot.urdf", "urdf: description/own.urdf");
+    std::fs::write(own.join("own.yaml"), yaml).unwrap();
+    let scenario =
+        load(&dir.path().join("scenarios/lateral_plain.yaml"), &with_set("robot=../elsewhere/own.yaml"));
+    let arm = scenario.unwrap_or_else(|error| panic!("{}", error.render())).arm;
+    assert_eq!(arm.joint_names[5], "wrist_3_joint");
+    let wrist = arm.urdf.joints.iter().find(|joint| joint.name == "wrist_3_joint").unwrap();
+    assert_eq!(wrist.limit.upper, std::f64::consts::TAU, "one turn either way");
+}
+
 #[test]
 fn what_is_set_is_not_drawn() {
     let scenario = recovery(&with_set("disturbances.0.at_s=1.25"));

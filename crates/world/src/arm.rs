@@ -250,3 +250,58 @@ fn advance(from: &Pose, to: &Pose, reach_m: f64, lever_m: f64) -> Pose {
         from.rotation * nalgebra::UnitQuaternion::from_scaled_axis(turn * share),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::fixture;
+    use crate::motion::tests::check_step;
+
+    /// A target about the start (mm, rad), how many ticks it stands, and how the press goes meanwhile.
+    fn target() -> impl Strategy<Value = ([f64; 3], [f64; 3], u64, f64)> {
+        (
+            [-150.0..150.0f64, -150.0..150.0, -150.0..150.0],
+            [-0.5..0.5f64, -0.5..0.5, -0.8..0.8],
+            prop_oneof![Just(40), 1u64..600],
+            -0.02..0.02f64,
+        )
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+
+        /// Whatever is asked for, near or out of reach, and whenever: each joint keeps its four limits at every tick.
+        #[test]
+        fn every_limit_holds_for_random_targets_of_either_arm(
+            spec in prop_oneof![Just(fixture::in_the_box("kuka_kr6_r900")), Just(fixture::in_the_box("ur5e"))],
+            targets in prop::collection::vec(target(), 1..8),
+            stop in 0..8usize,
+        ) {
+            let limits = Limits { max_probe_speed_m_s: 0.5, ..fixture::scenario().limits };
+            let model = ArmModel::new(&spec, &limits, 0.0384).unwrap();
+            let mut arm = Arm::at_rest(&model, spec.home_rad);
+            let start = *arm.base_from_flange() * spec.flange_from_probe;
+            let mut tick = 0u64;
+            for (index, (shift_mm, turn_rad, ticks, press_rate_m_s)) in targets.into_iter().enumerate() {
+                let [x, y, z] = shift_mm.map(|mm| mm * 1e-3);
+                let turn = nalgebra::UnitQuaternion::from_scaled_axis(Vector::from(turn_rad));
+                let moved = Pose::from_parts(nalgebra::Translation3::new(x, y, z), turn);
+                let _ = arm.set_target(&model, &(start * moved));
+                for _ in 0..ticks {
+                    tick += 1;
+                    if tick.is_multiple_of(CONTROL_TICKS) {
+                        let _ = arm.control(&model, press_rate_m_s);
+                    }
+                    let before = *arm.motion.state();
+                    arm.step(&model);
+                    check_step(&model.chain, &spec, &before, arm.motion.state())?;
+                }
+                if index == stop {
+                    arm.stop_for_collision();
+                }
+            }
+        }
+    }
+}

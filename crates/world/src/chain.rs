@@ -45,29 +45,38 @@ pub(crate) fn pose_from_urdf(origin: &urdf_rs::Pose) -> Pose {
     Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
 }
 
-impl Chain {
-    /// Walks from the flange up to the base and folds fixed joints into the next moving one.
-    pub(crate) fn from_spec(spec: &ArmSpec) -> Result<Self, WorldError> {
-        let mut upwards = Vec::new();
-        let mut link = spec.flange_link.as_str();
-        while link != spec.base_link {
-            let joint = spec.urdf.joints.iter().find(|j| j.child.link == link).ok_or_else(|| {
-                WorldError::Chain(format!("no joint leads from link `{}` to link `{link}`", spec.base_link))
-            })?;
-            upwards.push(joint);
-            if upwards.len() > spec.urdf.joints.len() {
-                return Err(WorldError::Chain(format!("the joints above link `{link}` form a ring")));
-            }
-            link = joint.parent.link.as_str();
+/// The joints that lead from one link to another, in that order.
+pub(crate) fn walk<'a>(
+    urdf: &'a urdf_rs::Robot,
+    base_link: &str,
+    tip_link: &str,
+) -> Result<Vec<&'a urdf_rs::Joint>, WorldError> {
+    let mut joints = Vec::new();
+    let mut link = tip_link;
+    while link != base_link {
+        let joint = urdf.joints.iter().find(|j| j.child.link == link).ok_or_else(|| {
+            WorldError::Chain(format!("no joint leads from link `{base_link}` to link `{link}`"))
+        })?;
+        joints.push(joint);
+        if joints.len() > urdf.joints.len() {
+            return Err(WorldError::Chain(format!("the joints above link `{link}` form a ring")));
         }
+        link = joint.parent.link.as_str();
+    }
+    joints.reverse();
+    Ok(joints)
+}
 
+impl Chain {
+    /// Reads the arm's chain; fixed joints are folded into the next moving one.
+    pub(crate) fn from_spec(spec: &ArmSpec) -> Result<Self, WorldError> {
         let mut joints = Vec::with_capacity(6);
         let mut folded = Pose::identity();
-        for joint in upwards.into_iter().rev() {
+        for joint in walk(&spec.urdf, &spec.base_link, &spec.flange_link)? {
             folded *= pose_from_urdf(&joint.origin);
             match joint.joint_type {
                 urdf_rs::JointType::Fixed => {}
-                urdf_rs::JointType::Revolute | urdf_rs::JointType::Continuous => {
+                urdf_rs::JointType::Revolute => {
                     joints.push(read_joint(joint, folded)?);
                     folded = Pose::identity();
                 }
@@ -105,6 +114,12 @@ impl Chain {
         poses
     }
 
+    /// From each link's origin to that of the next joint, the base first; from the last link to the flange.
+    pub(crate) fn spans(&self) -> Vec<Vector> {
+        let joints = self.joints.iter().map(|joint| joint.previous_from_joint.translation.vector);
+        joints.chain([self.last_from_flange.translation.vector]).collect()
+    }
+
     /// Pose of the flange in the base frame.
     pub(crate) fn base_from_flange(&self, angles_rad: &Joints) -> Pose {
         self.link_poses(angles_rad)[6]
@@ -138,7 +153,7 @@ impl Chain {
 }
 
 /// Turn about an axis, with `libm` so that every CPU gives the same bits.
-fn rotation(axis: &Unit<Vector>, angle_rad: f64) -> UnitQuaternion<f64> {
+pub(crate) fn rotation(axis: &Unit<Vector>, angle_rad: f64) -> UnitQuaternion<f64> {
     let (sine, cosine) = libm::sincos(angle_rad / 2.0);
     let vector = axis.into_inner() * sine;
     UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(cosine, vector.x, vector.y, vector.z))
@@ -148,9 +163,7 @@ fn read_joint(joint: &urdf_rs::Joint, previous_from_joint: Pose) -> Result<Joint
     let [x, y, z] = joint.axis.xyz.0;
     let axis = Unit::try_new(Vector3::new(x, y, z), 1e-9)
         .ok_or_else(|| WorldError::Chain(format!("joint `{}` has an axis of no length", joint.name)))?;
-    let endless = joint.joint_type == urdf_rs::JointType::Continuous;
-    let (lower_rad, upper_rad) =
-        if endless { (f64::NEG_INFINITY, f64::INFINITY) } else { (joint.limit.lower, joint.limit.upper) };
+    let (lower_rad, upper_rad) = (joint.limit.lower, joint.limit.upper);
     if lower_rad.partial_cmp(&upper_rad) != Some(Ordering::Less) {
         return Err(WorldError::Chain(format!(
             "joint `{}`: lower limit {lower_rad} must be below upper limit {upper_rad}",

@@ -27,6 +27,27 @@ pub enum WorldError {
         /// What stops it.
         why: Unreachable,
     },
+    /// The needle robot cannot hold the needle on its line.
+    #[error(
+        "insertion: with the tip at a depth of {depth_mm:.1} mm the needle robot's joint `{joint}` would stand at {value:.1}{unit}, outside {lower:.1}{unit}…{upper:.1}{unit}"
+    )]
+    NeedleRobotLimit {
+        /// Name of the joint.
+        joint: String,
+        /// Depth of the tip.
+        depth_mm: f64,
+        /// Value that the joint would need.
+        value: f64,
+        /// Least value.
+        lower: f64,
+        /// Largest value.
+        upper: f64,
+        /// Unit of all three.
+        unit: &'static str,
+    },
+    /// No angles of the needle robot point the needle that way.
+    #[error("insertion.angle_deg: the needle robot's two turns cannot point the needle that way")]
+    NeedleRobotDirection,
     /// The needle robot cannot feed that far.
     #[error(
         "insertion.target_depth_mm = {depth_mm:.1} must be at most {max_mm:.1}: robot's travel or needle's length"
@@ -44,8 +65,10 @@ pub enum WorldError {
         depth_mm: f64,
     },
     /// Something touches at the start that must not.
-    #[error("robot.world_from_base: at the start {between} is nearer than {margin_mm:.1} mm")]
+    #[error("{key}: at the start {between} are nearer than {margin_mm:.1} mm")]
     StartCollision {
+        /// What to change: where the arm stands, or how the needle goes in.
+        key: &'static str,
         /// The two bodies.
         between: String,
         /// The distance that is kept.

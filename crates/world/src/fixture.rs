@@ -71,6 +71,19 @@ pub fn kuka() -> ArmSpec {
     }
 }
 
+/// `scenarios/lateral_plain.yaml` with an arm of `robots/`.
+pub fn boxed(arm: &str) -> Scenario {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/lateral_plain.yaml");
+    let set = vec![format!("robot=../robots/{arm}/robot.yaml")];
+    let options = sonoloop_scenario::LoadOptions { set, ..Default::default() };
+    sonoloop_scenario::load(&file, &options).expect("the files in the box load")
+}
+
+/// An arm of `robots/`.
+pub fn in_the_box(name: &str) -> ArmSpec {
+    boxed(name).arm
+}
+
 pub fn probe() -> ProbeSpec {
     let table = [(0.008, 2.02), (0.012, 0.9), (0.018, 0.75), (0.025, 1.09), (0.030, 1.46), (0.040, 2.77)];
     ProbeSpec {
@@ -111,9 +124,27 @@ pub fn needle() -> NeedleSpec {
     }
 }
 
+/// Joints of the robot in the box, with all the room that a test may ask for and without bodies.
 pub fn needle_robot() -> NeedleRobotSpec {
+    let xml = "<robot name='needle robot'>\
+        <link name='base'/><link name='x'/><link name='y'/><link name='z'/><link name='yaw'/><link name='hub'/>\
+        <joint name='x' type='prismatic'><parent link='base'/><child link='x'/><axis xyz='1 0 0'/>\
+        <limit lower='-9' upper='9' effort='0' velocity='1'/></joint>\
+        <joint name='y' type='prismatic'><parent link='x'/><child link='y'/><axis xyz='0 1 0'/>\
+        <limit lower='-9' upper='9' effort='0' velocity='1'/></joint>\
+        <joint name='z' type='prismatic'><parent link='y'/><child link='z'/><axis xyz='0 0 1'/>\
+        <limit lower='-9' upper='9' effort='0' velocity='1'/></joint>\
+        <joint name='yaw' type='revolute'><parent link='z'/><child link='yaw'/><axis xyz='0 0 1'/>\
+        <limit lower='-4' upper='4' effort='0' velocity='1'/></joint>\
+        <joint name='pitch' type='revolute'><parent link='yaw'/><child link='hub'/><axis xyz='0 1 0'/>\
+        <limit lower='-4' upper='4' effort='0' velocity='1'/></joint></robot>";
     NeedleRobotSpec {
         name: "needle robot".into(),
+        urdf: urdf_rs::read_from_string(xml).expect("the fixture's URDF parses"),
+        base_link: "base".into(),
+        hub_link: "hub".into(),
+        joint_names: ["x", "y", "z", "yaw", "pitch"].map(Into::into),
+        world_from_base: Pose::translation(-0.3, 0.0, 0.0),
         max_feed_m_s: 0.02,
         max_acceleration_m_s2: 0.1,
         max_depth_m: 0.12,
@@ -148,6 +179,10 @@ pub fn calibration() -> CalibrationSpec {
         needle_sigma_rad: 1f64.to_radians(),
         probe_sigma_m: 1e-3,
         probe_sigma_rad: 0.5f64.to_radians(),
+        robot_sigma_m: 0.0,
+        robot_sigma_rad: 0.0,
+        encoder_sigma_rad: 0.0,
+        encoder_sigma_m: 0.0,
         click_sigma_px: 1.0,
         force_sigma_n: 0.05,
     }

@@ -20,7 +20,12 @@ enum Stream {
     Alignment,
     Click,
     Force,
+    RobotToRobot,
+    Encoders,
 }
+
+/// Random words set aside for an image: a truncated draw takes two, seldom four.
+const WORDS_PER_IMAGE: u128 = 256;
 
 /// What each run draws.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +36,8 @@ pub(crate) struct Hidden {
     pub axis_error: UnitQuaternion<f64>,
     /// Probe where it is thought to be from probe where it is: true mount = nominal · this.
     pub nominal_from_true_probe: Pose,
+    /// Needle robot's base where it is thought to be from where it is, in its own frame.
+    pub nominal_from_true_needle_base: Pose,
     /// Operator's misalignment of plane and tip.
     pub alignment_m: f64,
     /// Operator's misalignment in yaw.
@@ -53,12 +60,16 @@ impl Hidden {
         let mut mount = generator(seed, Stream::Mount);
         let mut alignment = generator(seed, Stream::Alignment);
         let mut click = generator(seed, Stream::Click);
-        let shift = vector(&mut mount, calibration.probe_sigma_m);
-        let turn = vector(&mut mount, calibration.probe_sigma_rad);
+        let mut robot = generator(seed, Stream::RobotToRobot);
         Self {
             entry_error_in_world,
             axis_error: UnitQuaternion::from_scaled_axis(vector(&mut axis, calibration.needle_sigma_rad)),
-            nominal_from_true_probe: Pose::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(turn)),
+            nominal_from_true_probe: pose(&mut mount, calibration.probe_sigma_m, calibration.probe_sigma_rad),
+            nominal_from_true_needle_base: pose(
+                &mut robot,
+                calibration.robot_sigma_m,
+                calibration.robot_sigma_rad,
+            ),
             alignment_m: scalar(&mut alignment, placement.alignment_sigma_m),
             alignment_rad: scalar(&mut alignment, placement.alignment_sigma_rad),
             click_error_px: std::array::from_fn(|_| scalar(&mut click, calibration.click_sigma_px)),
@@ -66,11 +77,18 @@ impl Hidden {
     }
 }
 
+/// Noise of the encoders with image `sequence`: six joints of the arm, then the needle's depth.
+pub(crate) fn encoder_noise(seed: u64, sequence: u64, calibration: &CalibrationSpec) -> ([f64; 6], f64) {
+    let mut rng = generator(seed, Stream::Encoders);
+    rng.set_word_pos(u128::from(sequence) * WORDS_PER_IMAGE);
+    let joints_rad = std::array::from_fn(|_| scalar(&mut rng, calibration.encoder_sigma_rad));
+    (joints_rad, scalar(&mut rng, calibration.encoder_sigma_m))
+}
+
 /// Noise of the measured force in image `sequence`; the same however often it is asked for.
 pub(crate) fn force_noise_n(seed: u64, sequence: u64, sigma_n: f64) -> f64 {
     let mut rng = generator(seed, Stream::Force);
-    // 256 words per image: a truncated draw takes two, seldom four.
-    rng.set_word_pos(u128::from(sequence) * 256);
+    rng.set_word_pos(u128::from(sequence) * WORDS_PER_IMAGE);
     scalar(&mut rng, sigma_n)
 }
 
@@ -88,6 +106,11 @@ fn scalar(rng: &mut ChaCha8Rng, sigma: f64) -> f64 {
             return z * sigma;
         }
     }
+}
+
+fn pose(rng: &mut ChaCha8Rng, sigma_m: f64, sigma_rad: f64) -> Pose {
+    let shift = vector(rng, sigma_m);
+    Pose::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(vector(rng, sigma_rad)))
 }
 
 fn vector(rng: &mut ChaCha8Rng, sigma: f64) -> Vector {
@@ -135,6 +158,20 @@ mod tests {
         let hidden = Hidden::draw(3, &calibration, &fixture::placement());
         assert_eq!(hidden.entry_error_in_world, Vector::zeros());
         assert_eq!(hidden.nominal_from_true_probe.translation.vector, Vector::zeros());
+    }
+
+    #[test]
+    fn truth_encoder_noise_has_its_spread_and_depends_on_seed_and_image_alone() {
+        let mut calibration = fixture::calibration();
+        (calibration.encoder_sigma_rad, calibration.encoder_sigma_m) = (1e-4, 5e-5);
+        assert_eq!(encoder_noise(1, 7, &calibration), encoder_noise(1, 7, &calibration));
+        assert_ne!(encoder_noise(1, 7, &calibration), encoder_noise(1, 8, &calibration));
+        assert_ne!(encoder_noise(1, 7, &calibration), encoder_noise(2, 7, &calibration));
+        let draws: Vec<_> = (0..4000).map(|image| encoder_noise(3, image, &calibration)).collect();
+        // As above: cut at 2σ, known to about 1 %.
+        let cut = 0.7737f64.sqrt();
+        assert!((rms(draws.iter().map(|d| d.0[5])) / (1e-4 * cut) - 1.0).abs() < 0.04);
+        assert!((rms(draws.iter().map(|d| d.1)) / (5e-5 * cut) - 1.0).abs() < 0.04);
     }
 
     #[test]

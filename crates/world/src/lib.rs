@@ -10,7 +10,7 @@
 //! |---|---|
 //! | `chain`, `ik`, `motion`, `arm` | joints of the URDF, inverse kinematics, jerk-limited motion, set point and status |
 //! | `contact`, `press` | flat punch on gel, force control along the probe's axis |
-//! | `needle` | path of the tip, feed of the needle robot |
+//! | `needle`, `needle_robot` | path of the tip, feed; joints of the robot that holds the needle |
 //! | `phantom` | columns of materials for the renderer |
 //! | `scene` | rapier bodies: who comes too near to whom |
 //! | `hidden`, `placement`, `model` | errors drawn from the seed, the operator's placement, checks before the start |
@@ -33,6 +33,7 @@ mod inbox;
 mod model;
 mod motion;
 mod needle;
+mod needle_robot;
 mod phantom;
 mod placement;
 mod press;

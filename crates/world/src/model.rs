@@ -5,9 +5,11 @@ use sonoloop_types::{Init, Point, Pose, Setup, Tissue, Vector, View};
 
 use crate::WorldError;
 use crate::arm::{Arm, ArmModel};
+use crate::chain::Joints;
 use crate::contact::Contact;
-use crate::hidden::Hidden;
-use crate::needle::Path;
+use crate::hidden::{Hidden, encoder_noise};
+use crate::needle::{FeedLimits, Path};
+use crate::needle_robot::{NeedleRobot, displaced};
 use crate::phantom;
 use crate::placement;
 use crate::scene::{MARGIN_M, Scene};
@@ -23,8 +25,11 @@ pub(crate) struct Model {
     pub arm: ArmModel,
     pub contact: Contact,
     pub path: Path,
-    /// Deepest the needle robot goes.
-    pub max_depth_m: f64,
+    pub needle_robot: NeedleRobot,
+    /// What scenario, needle and the needle robot's joints leave of the feed.
+    pub feed_limits: FeedLimits,
+    /// Where the needle robot really stands.
+    world_from_needle_base: Pose,
     /// True mount of the probe before any slip.
     pub flange_from_mounted_probe: Pose,
     /// True target, phantom frame.
@@ -47,18 +52,41 @@ impl Model {
         let arm = ArmModel::new(&scenario.arm, &scenario.limits, scenario.probe.aperture_m())?;
         let contact = Contact::new(&scenario.probe, &scenario.phantom);
 
-        let max_depth_m = scenario.needle_robot.max_depth_m.min(scenario.needle.length_m);
+        // The robot does what it is told in its own frame; where that frame stands it does not know.
+        let robot_spec = &scenario.needle_robot;
+        let needle_base_from_world = robot_spec.world_from_base.inverse();
+        let needle_robot = NeedleRobot::new(
+            robot_spec,
+            scenario.needle.length_m,
+            needle_base_from_world * insertion.entry_in_world,
+            needle_base_from_world * insertion.axis_in_world,
+        )?;
+        let max_depth_m = robot_spec.max_depth_m.min(scenario.needle.length_m);
         if insertion.target_depth_m > max_depth_m {
             return Err(WorldError::TargetTooDeep {
                 depth_mm: insertion.target_depth_m * 1e3,
                 max_mm: max_depth_m * 1e3,
             });
         }
+        for depth_m in [insertion.start_depth_m, insertion.target_depth_m] {
+            needle_robot.check(depth_m)?;
+        }
+        let feed_limits = FeedLimits {
+            max_feed_m_s: robot_spec.max_feed_m_s.min(needle_robot.max_feed_m_s()),
+            max_acceleration_m_s2: robot_spec.max_acceleration_m_s2,
+            max_depth_m: max_depth_m.min(needle_robot.max_depth_m()),
+        };
         // World and phantom coincide while the phantom rests.
+        let (entry_in_world, axis_in_world) = displaced(
+            &robot_spec.world_from_base,
+            &hidden.nominal_from_true_needle_base,
+            insertion.entry_in_world,
+            insertion.axis_in_world,
+        );
         let path = Path::new(
             &scenario.needle,
-            insertion.entry_in_world + hidden.entry_error_in_world,
-            hidden.axis_error * insertion.axis_in_world,
+            entry_in_world + hidden.entry_error_in_world,
+            hidden.axis_error * axis_in_world,
             insertion.bevel_roll_rad,
             max_depth_m,
         );
@@ -76,15 +104,26 @@ impl Model {
         )?;
         let arm_at_rest = Arm::at_rest(&arm, angles);
 
-        let mut scene = Scene::new(&scenario.arm, &arm.chain, &scenario.probe, &scenario.phantom);
-        scene.excuse_own_neighbours(arm_at_rest.link_poses());
-        if let Some(nearest) = scene.nearest(arm_at_rest.link_poses()) {
-            return Err(WorldError::StartCollision { between: nearest.between, margin_mm: MARGIN_M * 1e3 });
+        let world_from_needle_base = robot_spec.world_from_base * hidden.nominal_from_true_needle_base;
+        let mut scene = Scene::new(scenario, &arm.chain, &needle_robot, &world_from_needle_base);
+        let needle_links =
+            needle_robot.link_poses(insertion.start_depth_m).map(|link| world_from_needle_base * link);
+        scene.excuse_own_neighbours(arm_at_rest.link_poses(), &needle_links);
+        if let Some(nearest) = scene.nearest(arm_at_rest.link_poses(), &needle_links) {
+            let key = if nearest.with_needle_robot { "insertion" } else { "robot.world_from_base" };
+            return Err(WorldError::StartCollision {
+                key,
+                between: nearest.between,
+                margin_mm: MARGIN_M * 1e3,
+            });
         }
 
         // From here on what the operator sees and marks: the measured pose, not the true one.
         let base_from_world = scenario.arm.world_from_base.inverse();
         let base_from_probe_at_start = arm_at_rest.base_from_flange() * scenario.arm.flange_from_probe;
+        // The mark is set in image 0, with the encoders as they were then.
+        let (noise_rad, _) = encoder_noise(scenario.seed, 0, &scenario.calibration);
+        let base_from_probe_on_mark = measured(&arm, arm_at_rest.angles_rad(), &noise_rad);
         let true_world_from_probe =
             scenario.arm.world_from_base * arm_at_rest.base_from_flange() * flange_from_mounted_probe;
         let probe_from_world = true_world_from_probe.inverse();
@@ -102,17 +141,32 @@ impl Model {
             arm,
             contact,
             path,
-            max_depth_m,
+            needle_robot,
+            feed_limits,
+            world_from_needle_base,
             flange_from_mounted_probe,
             target_in_phantom,
             base_from_probe_at_start,
             entry_in_base: base_from_world * insertion.entry_in_world,
             needle_axis_in_base: base_from_world * insertion.axis_in_world,
-            target_in_base: base_from_probe_at_start * target_in_probe,
+            target_in_base: base_from_probe_on_mark * target_in_probe,
             click_px,
             scenario: scenario.clone(),
         };
         Ok((model, arm_at_rest, scene))
+    }
+
+    /// Links of the needle robot with the tip at a depth, world frame.
+    pub(crate) fn needle_links(&self, depth_m: f64) -> [Pose; 5] {
+        self.needle_robot.link_poses(depth_m).map(|link| self.world_from_needle_base * link)
+    }
+
+    /// What the encoders of both robots say with image `sequence`: the probe's pose under the nominal mount, and the
+    /// needle's depth.
+    pub(crate) fn measure(&self, angles_rad: &Joints, depth_m: f64, sequence: u64) -> (Pose, f64) {
+        let scenario = &self.scenario;
+        let (noise_rad, noise_m) = encoder_noise(scenario.seed, sequence, &scenario.calibration);
+        (measured(&self.arm, angles_rad, &noise_rad), (depth_m + noise_m).max(0.0))
     }
 
     /// Nominal calibrations, marks and settings; nothing of the truth.
@@ -136,6 +190,12 @@ impl Model {
             servo: scenario.servo,
         }
     }
+}
+
+/// Pose of the probe under the nominal mount, base frame, as encoders with this noise tell it.
+fn measured(arm: &ArmModel, angles_rad: &Joints, noise_rad: &Joints) -> Pose {
+    let angles_rad = std::array::from_fn(|i| angles_rad[i] + noise_rad[i]);
+    arm.chain.base_from_flange(&angles_rad) * arm.spec.flange_from_probe
 }
 
 /// What the loader already holds for files; a scenario built in code may not.

@@ -262,7 +262,7 @@ fn on_grid(value: f64, steps_per_unit: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use proptest::prelude::*;
 
     use super::*;
@@ -270,16 +270,19 @@ mod tests {
 
     const DT_S: f64 = 1e-3;
 
-    fn motion() -> (Chain, Motion) {
-        let spec = fixture::kuka();
-        let chain = Chain::from_spec(&spec).unwrap();
-        let motion = Motion::at_rest(&chain, &spec, spec.home_rad);
+    fn motion(spec: &ArmSpec) -> (Chain, Motion) {
+        let chain = Chain::from_spec(spec).unwrap();
+        let motion = Motion::at_rest(&chain, spec, spec.home_rad);
         (chain, motion)
+    }
+
+    fn arms() -> impl Strategy<Value = ArmSpec> {
+        prop_oneof![Just(fixture::kuka()), Just(fixture::in_the_box("ur5e"))]
     }
 
     /// Position, speed, acceleration and jerk from finite differences of the angles and of the planner's
     /// speeds, against the URDF and the arm's file.
-    fn check_step(
+    pub(crate) fn check_step(
         chain: &Chain,
         spec: &ArmSpec,
         before: &JointState,
@@ -311,14 +314,14 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+        #![proptest_config(ProptestConfig { cases: 120, ..ProptestConfig::default() })]
 
         #[test]
         fn every_limit_holds_at_each_tick(
+            spec in arms(),
             targets in prop::collection::vec((prop::array::uniform6(share()), prop_oneof![Just(5), 5u64..400]), 1..20),
         ) {
-            let (chain, mut motion) = motion();
-            let spec = fixture::kuka();
+            let (chain, mut motion) = motion(&spec);
             for (shares, ticks) in targets {
                 // Some targets lie outside the limits.
                 let target = std::array::from_fn(|i| {
@@ -343,10 +346,9 @@ mod tests {
 
         #[test]
         fn a_moving_set_point_keeps_every_limit(
-            amplitude in 0.0..0.4f64, rate_hz in 0.1..3.0f64, phase in 0.0..6.0f64,
+            spec in arms(), amplitude in 0.0..0.4f64, rate_hz in 0.1..3.0f64, phase in 0.0..6.0f64,
         ) {
-            let (chain, mut motion) = motion();
-            let spec = fixture::kuka();
+            let (chain, mut motion) = motion(&spec);
             let home = spec.home_rad;
             for tick in 0..2000u64 {
                 if tick % 5 == 0 {
@@ -364,7 +366,7 @@ mod tests {
     #[test]
     fn comes_to_rest_exactly_at_its_target() {
         // 0.1 rad is just where the planner alone finds no plan.
-        let (_, mut motion) = motion();
+        let (_, mut motion) = motion(&fixture::kuka());
         let target = fixture::kuka().home_rad.map(|q| q + 0.1);
         assert!(motion.retarget(&target, &[0.0; 6]));
         for _ in 0..2000 {

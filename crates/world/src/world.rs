@@ -20,8 +20,10 @@ use crate::scene::{MARGIN_M, Scene};
 use crate::timeline::Timeline;
 use crate::truth;
 
-/// A body counts as coming nearer when its distance falls by more than this between two looks.
-const APPROACH_M: f64 = 1e-5;
+/// A body counts as coming nearer when its distance falls by more than this below where the arm last stopped for it.
+/// An arm that sets out from rest sways: the planner takes a run-up of 0.1 mm (seen with the UR5e) to pass a near set
+/// point at speed.
+const APPROACH_M: f64 = 3e-4;
 
 /// Phantom, needle, arm and all that happens to them.
 ///
@@ -51,6 +53,10 @@ struct State {
     last_command_tick: u64,
     /// Distance of the nearest pair within the margin at the last look.
     nearest_m: Option<f64>,
+    /// Least distance at which the arm stopped, since the last look with nobody near.
+    stopped_at_m: Option<f64>,
+    /// Something is too near to the needle robot: no feed.
+    needle_blocked: bool,
     needle_has_moved: bool,
     refused_commands: u64,
     events: Vec<Event>,
@@ -72,7 +78,7 @@ impl World {
         let mut state = State {
             tick: 0,
             arm,
-            feed: Feed::at_rest(scenario.insertion.start_depth_m.clamp(0.0, model.max_depth_m)),
+            feed: Feed::at_rest(scenario.insertion.start_depth_m.clamp(0.0, model.feed_limits.max_depth_m)),
             touch: Touch::resting(&model.contact, &world_from_probe),
             press,
             timeline: Timeline::new(scenario.delays.image_ticks),
@@ -81,6 +87,8 @@ impl World {
             world_from_probe,
             last_command_tick: 0,
             nearest_m: None,
+            stopped_at_m: None,
+            needle_blocked: false,
             needle_has_moved: false,
             refused_commands: 0,
             events: Vec::new(),
@@ -183,17 +191,19 @@ impl World {
         }
     }
 
-    /// What the rig measures with a picture taken now: joint encoders and the *nominal* mount, depth, feed
-    /// and noisy force. A slip of the probe in its holder shows in none of them.
+    /// What the rig measures with a picture taken now: noisy joint encoders and the *nominal* mount, noisy depth and
+    /// force, and the feed. A slip of the probe in its holder shows in none of them.
     pub fn acquisition(&self, sequence: u64) -> Acquisition {
         let (state, scenario) = (&self.state, &self.model.scenario);
+        let (base_from_probe, depth_m) =
+            self.model.measure(state.arm.angles_rad(), state.feed.depth_m, sequence);
         Acquisition {
             sequence,
             acquisition_tick: state.tick,
             publication_tick: state.tick + state.timeline.image_delay_ticks,
             pose_tick: state.tick,
-            base_from_probe: state.arm.base_from_flange() * scenario.arm.flange_from_probe,
-            depth_m: Some(state.feed.depth_m),
+            base_from_probe,
+            depth_m: Some(depth_m),
             feed_m_s: Some(state.feed.speed_m_s),
             contact_force_n: state.touch.force_n
                 + force_noise_n(scenario.seed, sequence, scenario.calibration.force_sigma_n),
@@ -314,7 +324,10 @@ impl State {
 
     fn feed_needle(&mut self, model: &Model) {
         let moved_before = self.feed.speed_m_s > 0.0;
-        self.feed.step(&model.scenario.needle_robot, model.max_depth_m);
+        if self.needle_blocked {
+            self.feed.wanted_m_s = 0.0;
+        }
+        self.feed.step(&model.feed_limits);
         let depth_mm = self.feed.depth_m * 1e3;
         match (moved_before, self.feed.speed_m_s > 0.0) {
             (true, false) => {
@@ -345,25 +358,36 @@ impl State {
 
     /// Once per image: who is too near, and may a stopped arm set out again?
     fn look_around(&mut self, model: &Model, scene: &mut Scene) {
-        let nearest = scene.nearest(self.arm.link_poses());
+        let needle_links = model.needle_links(self.feed.depth_m);
+        let nearest = scene.nearest(self.arm.link_poses(), &needle_links);
+        self.needle_blocked = nearest.as_ref().is_some_and(|n| n.with_needle_robot);
         let distance_m = nearest.as_ref().map(|n| n.distance_m);
         let approaching =
-            distance_m.is_some_and(|now| self.nearest_m.is_none_or(|last| now < last - APPROACH_M));
+            distance_m.is_some_and(|now| self.stopped_at_m.is_none_or(|at| now < at - APPROACH_M));
         if let Some(nearest) = nearest.filter(|_| approaching && self.arm.status() != ArmStatus::Collision) {
             let detail = format!(
-                "{} are {:.1} mm apart, {:.1} mm must stay; the arm stops",
+                "{} are {:.1} mm apart, {:.1} mm must stay; {}",
                 nearest.between,
                 nearest.distance_m * 1e3,
-                MARGIN_M * 1e3
+                MARGIN_M * 1e3,
+                if nearest.with_needle_robot { "arm and needle stop" } else { "the arm stops" }
             );
             self.event(EventKind::Collision, detail);
             self.arm.stop_for_collision();
         } else if self.arm.status() == ArmStatus::Collision
             && let Some(angles) = self.arm.target_angles(&model.arm)
-            && scene.nearest(&model.arm.chain.link_poses(&angles)).is_none()
+            && scene.nearest(&model.arm.chain.link_poses(&angles), &needle_links).is_none()
         {
             self.arm.release(&model.arm);
         }
         self.nearest_m = distance_m;
+        self.stopped_at_m = match distance_m {
+            // Coming to rest takes a little farther.
+            Some(now) if self.arm.status() == ArmStatus::Collision => {
+                Some(self.stopped_at_m.map_or(now, |at| at.min(now)))
+            }
+            Some(_) => self.stopped_at_m,
+            None => None,
+        };
     }
 }

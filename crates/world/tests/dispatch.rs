@@ -26,6 +26,10 @@ fn fold(hash: u64, value: f64) -> u64 {
 fn run(seed: u64) -> u64 {
     let mut scenario = fixture::scenario();
     scenario.seed = seed;
+    scenario.calibration.robot_sigma_m = 1e-3;
+    scenario.calibration.robot_sigma_rad = 2e-3;
+    scenario.calibration.encoder_sigma_rad = 1e-4;
+    scenario.calibration.encoder_sigma_m = 5e-5;
     let kick = Pose::from_parts(
         nalgebra::Translation3::new(0.0, 2e-3, 0.0),
         nalgebra::UnitQuaternion::from_euler_angles(0.01, 0.02, 0.03),
@@ -58,6 +62,8 @@ fn run(seed: u64) -> u64 {
         }
         world.step();
         let truth = world.truth();
+        hash =
+            world.acquisition(tick / 40).base_from_probe.translation.vector.iter().copied().fold(hash, fold);
         hash = world.joint_angles_rad().into_iter().fold(hash, fold);
         hash = truth.tip_in_probe.iter().copied().fold(hash, fold);
         hash = [truth.contact_force_n, truth.depth_m, truth.plane_to_tip_m].into_iter().fold(hash, fold);

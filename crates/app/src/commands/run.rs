@@ -1,7 +1,7 @@
 //! `sonoloop run`: one scenario, from file to verdict.
 
 use sonoloop_scenario::Scenario;
-use sonoloop_types::Truth;
+use sonoloop_types::{Event, Truth};
 
 use crate::cli::{OutputArgs, RunArgs};
 use crate::controller::ControllerKind;
@@ -23,6 +23,8 @@ use crate::steering::{Request, Steering};
 pub struct Finished {
     /// `summary.json`'s content.
     pub summary: Summary,
+    /// What happened, in order.
+    pub events: Vec<Event>,
 }
 
 impl Finished {
@@ -50,7 +52,8 @@ pub fn execute_in_process(
     }
     let (metrics, judged) = judge(scenario, &recording);
     let Scenario { name, seed, .. } = scenario;
-    Ok(Finished { summary: Summary::new(name, *seed, VERSION, &metrics, &judged, &recording) })
+    let summary = Summary::new(name, *seed, VERSION, &metrics, &judged, &recording);
+    Ok(Finished { summary, events: recording.events })
 }
 
 /// Version of the program.

@@ -160,6 +160,10 @@ pub(super) fn calibration(raw: &RawCalibration) -> CalibrationSpec {
         needle_sigma_rad: rad(raw.needle_deg),
         probe_sigma_m: m(raw.probe_mm),
         probe_sigma_rad: rad(raw.probe_deg),
+        robot_sigma_m: m(raw.robot_mm),
+        robot_sigma_rad: rad(raw.robot_deg),
+        encoder_sigma_rad: rad(raw.encoder_deg),
+        encoder_sigma_m: m(raw.encoder_mm),
         click_sigma_px: raw.click_px,
         force_sigma_n: raw.force_n,
     }

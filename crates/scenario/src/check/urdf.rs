@@ -1,19 +1,29 @@
-//! A URDF file → a robot with exactly six limited revolute joints between two of its links.
+//! A URDF file → a robot with exactly the limited joints that are asked for between two of its links.
 
 use std::collections::BTreeSet;
+use std::f64::consts::TAU;
 
 use urdf_rs::{Joint, JointType, Robot};
 
 use crate::LoadError;
 use crate::source::Source;
 
-/// A robot description whose chain is sound.
-pub(super) struct Chain {
+/// A robot description whose chain is sound. Meshes are not opened, so a missing one is no error.
+pub(super) struct Chain<const N: usize> {
     pub robot: Robot,
-    /// The six actuated joints from base to flange.
-    pub joint_names: [String; 6],
-    /// Their (lower, upper) limits in radians.
-    pub limits_rad: [(f64, f64); 6],
+    /// The actuated joints from base to tip.
+    pub joint_names: [String; N],
+    /// Their (lower, upper) limits, radians or metres.
+    pub limits: [(f64, f64); N],
+}
+
+/// How an actuated joint moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Moves {
+    /// Turns: revolute, or continuous, which counts as limited to one turn either way.
+    Turns,
+    /// Slides: prismatic.
+    Slides,
 }
 
 /// Which of the two link names is not in the URDF; the robot's own file names them.
@@ -22,8 +32,8 @@ pub(super) enum ChainError {
     Urdf(LoadError),
     /// The robot's file names a base link that is not there.
     NoBaseLink(String),
-    /// The robot's file names a flange link that is not there.
-    NoFlangeLink(String),
+    /// The robot's file names a link at the tip that is not there.
+    NoTipLink(String),
 }
 
 impl From<LoadError> for ChainError {
@@ -32,36 +42,66 @@ impl From<LoadError> for ChainError {
     }
 }
 
-pub(super) fn check(source: &Source, base_link: &str, flange_link: &str) -> Result<Chain, ChainError> {
-    let robot = urdf_rs::read_from_string(&source.text)
+/// Reads and checks; `moves` says what the joints from base to tip do, in that order.
+pub(super) fn check<const N: usize>(
+    source: &Source,
+    base_link: &str,
+    tip_link: &str,
+    moves: [Moves; N],
+) -> Result<Chain<N>, ChainError> {
+    let mut robot = urdf_rs::read_from_string(&source.text)
         .map_err(|error| LoadError::new(&source.path, format!("is not a URDF: {}", one_line(&error))))?;
+    // The simulator's joints all have limits; a turn either way is more than any cable allows.
+    for joint in robot.joints.iter_mut().filter(|joint| joint.joint_type == JointType::Continuous) {
+        joint.joint_type = JointType::Revolute;
+        (joint.limit.lower, joint.limit.upper) = (-TAU, TAU);
+    }
     let links = link_names(source, &robot)?;
     let known = || links.iter().copied().collect::<Vec<_>>().join(", ");
     if !links.contains(base_link) {
         return Err(ChainError::NoBaseLink(known()));
     }
-    if !links.contains(flange_link) {
-        return Err(ChainError::NoFlangeLink(known()));
+    if !links.contains(tip_link) {
+        return Err(ChainError::NoTipLink(known()));
     }
     joints_are_tied(source, &robot, &links)?;
-    let chain = walk(source, &robot, base_link, flange_link)?;
     let mut actuated = Vec::new();
-    for joint in chain {
-        joint_is_sound(source, joint)?;
+    for joint in walk(source, &robot, base_link, tip_link)? {
+        origin_is_finite(source, joint)?;
         if joint.joint_type != JointType::Fixed {
             actuated.push(joint);
         }
     }
     let count = actuated.len();
-    let six: [&Joint; 6] = actuated.try_into().map_err(|_| {
+    let joints: [&Joint; N] = actuated.try_into().map_err(|_| {
         let message = format!(
-            "has {count} actuated joints between `{base_link}` and `{flange_link}`, must have exactly 6"
+            "has {count} actuated joints between `{base_link}` and `{tip_link}`, must have exactly {N}"
         );
         LoadError::new(&source.path, message)
     })?;
-    let joint_names = six.map(|joint| joint.name.clone());
-    let limits_rad = six.map(|joint| (joint.limit.lower, joint.limit.upper));
-    Ok(Chain { joint_names, limits_rad, robot })
+    for (index, (joint, moves)) in joints.iter().zip(moves).enumerate() {
+        let needed = match moves {
+            Moves::Turns => JointType::Revolute,
+            Moves::Slides => JointType::Prismatic,
+        };
+        if joint.joint_type != needed {
+            let message = format!(
+                "is {}; joint {} of the {N} between `{base_link}` and `{tip_link}` must be {}",
+                kind(&joint.joint_type),
+                index + 1,
+                kind(&needed)
+            );
+            return Err(at(source, "joint", &joint.name, message).into());
+        }
+        joint_is_sound(source, joint, moves)?;
+    }
+    let joint_names = joints.map(|joint| joint.name.clone());
+    let limits = joints.map(|joint| (joint.limit.lower, joint.limit.upper));
+    Ok(Chain { joint_names, limits, robot })
+}
+
+fn kind(of: &JointType) -> String {
+    format!("{of:?}").to_lowercase()
 }
 
 fn link_names<'a>(source: &Source, robot: &'a Robot) -> Result<BTreeSet<&'a str>, LoadError> {
@@ -98,22 +138,27 @@ fn joints_are_tied(source: &Source, robot: &Robot, links: &BTreeSet<&str>) -> Re
     Ok(())
 }
 
-/// The joints from base to flange, found from the flange upwards.
+/// The joints from base to tip, found from the tip upwards.
 fn walk<'a>(
     source: &Source,
     robot: &'a Robot,
     base_link: &str,
-    flange_link: &str,
+    tip_link: &str,
 ) -> Result<Vec<&'a Joint>, LoadError> {
     let mut chain = Vec::new();
-    let mut link = flange_link;
+    let mut link = tip_link;
     while link != base_link {
-        let joint = robot.joints.iter().find(|joint| joint.child.link == link);
-        // More steps than joints means that the links form a ring.
-        let Some(joint) = joint.filter(|_| chain.len() < robot.joints.len()) else {
-            let message = format!("no chain of joints leads from `{base_link}` to `{flange_link}`");
+        let Some(joint) = robot.joints.iter().find(|joint| joint.child.link == link) else {
+            let message = format!(
+                "no chain of joints leads from `{base_link}` to `{tip_link}`: no joint moves `{link}`"
+            );
             return Err(LoadError::new(&source.path, message));
         };
+        if chain.len() == robot.joints.len() {
+            let message =
+                format!("no chain of joints leads from `{base_link}` to `{tip_link}`: they form a loop");
+            return Err(at(source, "joint", &joint.name, message));
+        }
         chain.push(joint);
         link = &joint.parent.link;
     }
@@ -121,22 +166,22 @@ fn walk<'a>(
     Ok(chain)
 }
 
-fn joint_is_sound(source: &Source, joint: &Joint) -> Result<(), LoadError> {
-    let fail = |message: String| Err(at(source, "joint", &joint.name, message));
+fn origin_is_finite(source: &Source, joint: &Joint) -> Result<(), LoadError> {
     let numbers = joint.origin.xyz.0.iter().chain(&joint.origin.rpy.0).chain(&joint.axis.xyz.0);
-    if !numbers.into_iter().all(|value| value.is_finite()) {
-        return fail("has an origin or axis that is not finite".to_owned());
+    if numbers.into_iter().all(|value| value.is_finite()) {
+        return Ok(());
     }
-    match joint.joint_type {
-        JointType::Fixed => return Ok(()),
-        JointType::Revolute => {}
-        ref other => {
-            let kind = format!("{other:?}").to_lowercase();
-            return fail(format!("is {kind}; only revolute and fixed joints may lead to the flange"));
-        }
-    }
+    Err(at(source, "joint", &joint.name, "has an origin or axis that is not finite".to_owned()))
+}
+
+fn joint_is_sound(source: &Source, joint: &Joint, moves: Moves) -> Result<(), LoadError> {
+    let fail = |message: String| Err(at(source, "joint", &joint.name, message));
+    let unit = match moves {
+        Moves::Turns => "rad",
+        Moves::Slides => "m",
+    };
     if joint.mimic.is_some() {
-        return fail("mimics another joint; every joint to the flange must be driven".to_owned());
+        return fail("mimics another joint; every joint to the tip must be driven".to_owned());
     }
     if joint.axis.xyz.0.iter().map(|value| value * value).sum::<f64>() < 1e-12 {
         return fail("has the axis 0 0 0".to_owned());
@@ -144,13 +189,13 @@ fn joint_is_sound(source: &Source, joint: &Joint) -> Result<(), LoadError> {
     let limit = &joint.limit;
     if !(limit.lower.is_finite() && limit.upper.is_finite() && limit.lower < limit.upper) {
         let message = format!(
-            "has limits lower = {}, upper = {}; must be finite and lower < upper (rad)",
+            "has limits lower = {}, upper = {}; must be finite and lower < upper ({unit})",
             limit.lower, limit.upper
         );
         return fail(message);
     }
     if !(limit.velocity.is_finite() && limit.velocity > 0.0) {
-        return fail(format!("has limit velocity = {}; must be finite and > 0 (rad/s)", limit.velocity));
+        return fail(format!("has limit velocity = {}; must be finite and > 0 ({unit}/s)", limit.velocity));
     }
     Ok(())
 }

@@ -15,7 +15,8 @@ pub(crate) struct RawRobot {
     pub urdf: String,
     /// Link that is the `base` frame.
     pub base_link: String,
-    /// Link that is the `flange` frame; exactly six revolute joints lead to it from the base.
+    /// Link that is the `flange` frame; exactly six revolute joints lead to it from the base. A continuous one
+    /// counts as limited to one turn either way.
     pub flange_link: String,
     /// Where the base stands.
     #[garde(dive)]
@@ -65,7 +66,7 @@ pub(crate) struct RawOpw {
     pub signs: [i8; 6],
 }
 
-/// The robot that feeds the needle.
+/// The robot that holds and feeds the needle: three slides, then two turns.
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -73,6 +74,17 @@ pub(crate) struct RawNeedleRobot {
     /// Name shown in reports.
     #[garde(length(chars, min = 1, max = 80))]
     pub name: String,
+    /// The robot description, relative to this file.
+    #[garde(length(min = 1))]
+    pub urdf: String,
+    /// Link that is the robot's `base` frame.
+    pub base_link: String,
+    /// Link that holds the needle's hub: origin where the needle begins, z along the needle. Exactly three prismatic
+    /// joints and after them two revolute ones lead to it from the base.
+    pub hub_link: String,
+    /// Where the base stands, nominally.
+    #[garde(dive)]
+    pub world_from_base: RawPose,
     /// Fastest feed.
     #[garde(range(min = 0.1, max = 200.0))]
     pub max_feed_mm_s: f64,

@@ -185,6 +185,18 @@ pub(crate) struct RawCalibration {
     /// Probe mount's orientation.
     #[garde(range(min = 0.0, max = 20.0))]
     pub probe_deg: f64,
+    /// Needle robot's base as the arm's base sees it, each axis; comes on top of the needle's own error.
+    #[garde(range(min = 0.0, max = 20.0))]
+    pub robot_mm: f64,
+    /// Orientation of the needle robot's base; some 0.4 m away, 0.1° are 0.8 mm at the entry.
+    #[garde(range(min = 0.0, max = 5.0))]
+    pub robot_deg: f64,
+    /// Noise of each of the arm's joint encoders, drawn for every image.
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub encoder_deg: f64,
+    /// Noise of the needle robot's measured depth, drawn for every image.
+    #[garde(range(min = 0.0, max = 5.0))]
+    pub encoder_mm: f64,
     /// Operator's click on the tip, each axis.
     #[garde(range(min = 0.0, max = 50.0))]
     pub click_px: f64,
@@ -195,7 +207,18 @@ pub(crate) struct RawCalibration {
 
 impl Default for RawCalibration {
     fn default() -> Self {
-        Self { needle_mm: 2.0, needle_deg: 1.0, probe_mm: 2.0, probe_deg: 1.0, click_px: 1.0, force_n: 0.05 }
+        Self {
+            needle_mm: 2.0,
+            needle_deg: 1.0,
+            probe_mm: 2.0,
+            probe_deg: 1.0,
+            robot_mm: 0.0,
+            robot_deg: 0.0,
+            encoder_deg: 0.0,
+            encoder_mm: 0.0,
+            click_px: 1.0,
+            force_n: 0.05,
+        }
     }
 }
 
