@@ -263,8 +263,7 @@ impl Tracker {
 
     /// Registers the template of the last image, or the first one where templates are not updated.
     ///
-    /// Most motions are short, and a small region is soon read. Only an end near its edge needs the large one: what comes next
-    /// wants to look around that end.
+    /// Most motions are short, and a small region is soon read; only who leaves it needs the large one.
     fn find(
         &mut self,
         image: &Image,
@@ -285,14 +284,13 @@ impl Tracker {
                 self.registrar.run(&self.region, &self.previous, changes[1], guess)
             }
         };
-        let short = search(SHORT_JUMP_PX);
-        let far_px = SHORT_JUMP_PX as f64 - AROUND_PX;
-        let found = match short {
-            Ok(found) if distance(found.place.centre_px, guess_px) <= far_px => Ok(found),
-            _ => search(far),
-        };
+        let found = search(SHORT_JUMP_PX).or_else(|_| search(far));
         self.registrar.epsilon_px = self.settings.epsilon_px;
         let mut found = found?;
+        if distance(found.place.centre_px, guess_px) > (SHORT_JUMP_PX - AROUND_PX) as f64 {
+            // Near the edge of what was read, and what comes next wants to look around.
+            self.look(image, found.place.centre_px, self.reach(AROUND_PX));
+        }
         if self.refinement.is_some() {
             // The warp of T_1 is the refinement's last.
             found.place.linear = self.belief.linear;
@@ -498,11 +496,11 @@ impl Tracker {
 /// What a registration that another one follows may leave, in pixels.
 const ROUGH_PX: f64 = 0.1;
 /// Room about an end for what follows: a refinement that moves by 2 px, and rounding.
-const AROUND_PX: f64 = 3.0;
+const AROUND_PX: usize = 3;
 /// Half a diagonal, and some stretch, over half a side.
 const MAX_STRETCH: f64 = 1.5;
 /// How far a registration may wander at first, in pixels.
-const SHORT_JUMP_PX: usize = 7;
+const SHORT_JUMP_PX: usize = 6;
 
 /// How far a registration may wander from the guess, in pixels.
 fn jump(settings: &TrackerSettings) -> usize {
