@@ -89,7 +89,8 @@
 //!
 //! - a blur of σ 1.5 px, and a Gaussian weight of σ 3 px about the tip in all sums and all NCCs: only the tip is looked at;
 //! - a second, unblurred and unweighted registration where the surroundings are seen to move *with* the tip (`refine`). On
-//!   real wires in water it gives back what blur and weight cost, on rigid scenes it is twice as exact as OpenCV's ECC. How a
+//!   real wires in water it gives back what blur and weight cost, on rigid scenes its
+//!   errors are 0.02 px (20×20) and 0.04 px (61×61), those of OpenCV's ECC 0.07 to 0.2 and 0.05. How a
 //!   tip has turned is measured by it alone, so only where the surroundings turn along; without `refine`, always;
 //! - a guess from the measured motion, or the velocity;
 //! - Δ in the squared differences; an SCV that first comes near by plain differences, and takes T̂ anew when it has moved on;

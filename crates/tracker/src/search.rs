@@ -39,19 +39,21 @@ pub(crate) struct Search {
     map: Vec<f32>,
     columns: [Vec<f32>; 2],
     sums: [Vec<f32>; 2],
+    /// The largest picture there is room for.
+    reserved_px: [u32; 2],
 }
 
 /// Candidate places, best first; unused entries are `None`.
 pub(crate) type Peaks = [Option<[f64; 2]>; PEAKS];
 
 impl Search {
-    /// Prepares the search of `template`; no picture up to `picture` pixels makes it allocate again.
+    /// Prepares the search of `template`; no picture up to `picture_px` makes it allocate again.
     pub fn new(
         instructions: Instructions,
         template: &Template,
         blur_sigma_px: f64,
         weight_sigma_px: f64,
-        picture: [usize; 2],
+        picture_px: [u32; 2],
     ) -> Self {
         let full = template.window.side;
         let wanted = if weight_sigma_px > 0.0 {
@@ -79,13 +81,15 @@ impl Search {
             map: Vec::new(),
             columns: [Vec::new(), Vec::new()],
             sums: [Vec::new(), Vec::new()],
+            reserved_px: [0; 2],
         };
-        search.build_kernel(template);
-        search.reserve(picture);
+        search.look_for(template);
+        search.reserve(picture_px);
         search
     }
 
-    fn build_kernel(&mut self, template: &Template) {
+    /// Another template of the same size.
+    pub fn look_for(&mut self, template: &Template) {
         let width = template.window.padded_stride();
         let mut mean = 0.0;
         for y in 0..self.side {
@@ -115,8 +119,13 @@ impl Search {
     }
 
     /// Makes every buffer as large as a search of the whole picture will need.
-    fn reserve(&mut self, picture: [usize; 2]) {
-        let [width, height] = picture.map(|n| n / self.scale);
+    pub fn reserve(&mut self, picture_px: [u32; 2]) {
+        let [width_px, height_px] = [0, 1].map(|axis| picture_px[axis].max(self.reserved_px[axis]));
+        if [width_px, height_px] == self.reserved_px {
+            return;
+        }
+        self.reserved_px = [width_px, height_px];
+        let [width, height] = self.reserved_px.map(|n| n as usize / self.scale);
         self.region.fill(
             self.instructions,
             &Image::black(1, 1),
@@ -166,33 +175,31 @@ impl Search {
         let [linear, square] = &mut self.columns;
         let [mean, energy] = &mut self.sums;
         let energy_floor = FLAT * self.weight_sum;
-        let template_is_flat = self.energy <= energy_floor;
+        if self.energy <= energy_floor {
+            self.map.fill(-1.0);
+            return;
+        }
         for (y, map) in self.map.chunks_exact_mut(columns).enumerate() {
             // The weights of Σ w I and Σ w I² separate; those of Σ w T I do not.
             let rows = &self.region.grey[y * width..];
             add_rows(self.instructions, rows, width, &self.axis, linear, square);
             add_columns(self.instructions, &self.axis, self.weight_sum, linear, square, mean, energy);
-            let template_energy = self.energy;
-            let score = |product: f32, energy: f32| {
-                let flat = template_is_flat || energy <= energy_floor;
-                if flat { -1.0 } else { product / (energy * template_energy).sqrt() }
-            };
             let (blocks, rest) = map.as_chunks_mut::<BLOCK>();
             let (block_energies, rest_energies) = energy.as_chunks::<BLOCK>();
             for (block, (map, energy)) in blocks.iter_mut().zip(block_energies).enumerate() {
                 // Much of a picture is black: the margins beside the aperture, and what lies below the noise.
-                if template_is_flat || energy.iter().all(|&energy| energy <= energy_floor) {
+                if energy.iter().all(|&energy| energy <= energy_floor) {
                     map.fill(-1.0);
                     continue;
                 }
                 let product =
                     block_products(self.instructions, &self.kernel, self.side, &rows[block * BLOCK..], width);
-                *map = scores(self.instructions, &product, energy, template_energy, energy_floor);
+                *map = scores(self.instructions, &product, energy, self.energy, energy_floor);
             }
             let first = columns - rest.len();
             for (x, (ncc, &energy)) in rest.iter_mut().zip(rest_energies).enumerate() {
                 let [product] = products::<1>(&self.kernel, self.side, &rows[first + x..], width);
-                *ncc = score(product, energy);
+                *ncc = score(product, energy, self.energy, energy_floor);
             }
         }
     }
@@ -269,18 +276,22 @@ wide! {
 }
 
 wide! {
-    /// NCC of a block of windows; −1 where one is flat.
+    /// [`score`] of a block of windows.
     fn scores(
         products: &[f32; BLOCK],
         energies: &[f32; BLOCK],
         template_energy: f32,
         energy_floor: f32,
     ) -> [f32; BLOCK] {
-        core::array::from_fn(|k| {
-            let ncc = products[k] / (energies[k] * template_energy).sqrt();
-            if energies[k] <= energy_floor { -1.0 } else { ncc }
-        })
+        core::array::from_fn(|k| score(products[k], energies[k], template_energy, energy_floor))
     }
+}
+
+/// NCC of one window; −1 where it is flat.
+#[inline(always)]
+fn score(product: f32, energy: f32, template_energy: f32, energy_floor: f32) -> f32 {
+    let ncc = product / (energy * template_energy).sqrt();
+    if energy <= energy_floor { -1.0 } else { ncc }
 }
 
 wide! {

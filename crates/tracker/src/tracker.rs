@@ -18,6 +18,14 @@ use crate::{Checkpoint, SavedTemplate, TrackerError, check_settings};
 
 /// A measured motion beyond this is not one of an ultrasound picture.
 const MAX_MOTION_PX: f64 = 1e4;
+/// What a registration that another one follows may leave, in pixels.
+const ROUGH_PX: f64 = 0.1;
+/// Least room about an end for what follows: a refinement that moves by 2 px, and rounding.
+const AROUND_PX: usize = 3;
+/// Half a diagonal, and some stretch, over half a side.
+const MAX_STRETCH: f64 = 1.5;
+/// How far a registration may wander at first, in pixels.
+const SHORT_JUMP_PX: usize = 6;
 
 /// What is known about an image beside its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -74,7 +82,7 @@ pub(crate) struct Belief {
 
 impl Belief {
     fn at(state: Hysteresis, tip_px: [f64; 2]) -> Self {
-        Self { state, tip_px, linear: Placement::at(tip_px).linear, candidate_px: None, restarted: false }
+        Self { state, tip_px, linear: UPRIGHT, candidate_px: None, restarted: false }
     }
 }
 
@@ -132,7 +140,7 @@ impl Tracker {
         if let Some(refinement) = &mut tracker.refinement {
             refinement.begin(&tracker.sharp, tip_px, median);
         }
-        tracker.search = tracker.new_search();
+        tracker.search.look_for(&tracker.anchor);
         tracker.pyramid.remember(image, median, tip_px);
         let view = tracker.view_at(&Placement::at(tip_px), median).ok();
         tracker.last = Estimate { conditioning: None, ..tracker.estimate(Reason::Ok, tip_px, view, 0) };
@@ -171,7 +179,7 @@ impl Tracker {
         let (blur_sigma_px, weight_sigma_px) = (settings.blur_sigma_px, settings.weight_sigma_px);
         let mut tracker = Self {
             registrar: Registrar::new(instructions, &settings, warp, weight_sigma_px),
-            search: Search::new(instructions, &anchor, blur_sigma_px, weight_sigma_px, [1, 1]),
+            search: Search::new(instructions, &anchor, blur_sigma_px, weight_sigma_px, picture_px),
             region: Region::default(),
             sharp: Region::default(),
             refinement: refines.then(|| Refinement::new(instructions, &settings)),
@@ -185,18 +193,11 @@ impl Tracker {
             previous,
             picture_px,
         };
-        tracker.search = tracker.new_search();
         // The largest region there will be, so that its buffers never grow again.
         let reach = tracker.tracking_reach();
         tracker.region.fill_about(instructions, &Image::black(1, 1), &tracker.taps, [0.0; 2], reach);
         tracker.look(&Image::black(1, 1), [0.0; 2], reach);
         tracker
-    }
-
-    fn new_search(&self) -> Search {
-        let picture = self.picture_px.map(|n| n as usize);
-        let (blur_sigma_px, weight_sigma_px) = (self.settings.blur_sigma_px, self.settings.weight_sigma_px);
-        Search::new(self.registrar.instructions, &self.anchor, blur_sigma_px, weight_sigma_px, picture)
     }
 
     /// Looks for the tip in the next image.
@@ -211,6 +212,7 @@ impl Tracker {
         {
             self.declare_lost(Reason::OutOfImage, motion_px, None, 0)
         } else {
+            self.search.reserve([image.width_px, image.height_px]);
             let median = lit_median(self.registrar.instructions, image, self.previous.median);
             match self.belief.state.state() {
                 TrackState::Tracking => self.follow(image, median, motion_px),
@@ -287,9 +289,10 @@ impl Tracker {
         let found = search(SHORT_JUMP_PX).or_else(|_| search(far));
         self.registrar.epsilon_px = self.settings.epsilon_px;
         let mut found = found?;
-        if distance(found.place.centre_px, guess_px) > (SHORT_JUMP_PX - AROUND_PX) as f64 {
-            // Near the edge of what was read, and what comes next wants to look around.
-            self.look(image, found.place.centre_px, self.reach(AROUND_PX));
+        // What comes next looks around, as far as the drift that it may correct.
+        let around = (libm::ceil(self.settings.drift_tolerance_px) as usize).clamp(AROUND_PX, far);
+        if distance(found.place.centre_px, guess_px) > SHORT_JUMP_PX.saturating_sub(around) as f64 {
+            self.look(image, found.place.centre_px, self.reach(around));
         }
         if self.refinement.is_some() {
             // The warp of T_1 is the refinement's last.
@@ -313,22 +316,31 @@ impl Tracker {
     /// Registers T_1 from where T_n was found, and tells whether the new patch becomes T_n: only if T_1 agrees about where it is
     /// (Matthews, Ishikawa and Baker, 2004). A refinement is such a registration.
     fn correct_drift(&mut self, median: Option<f64>, changes: [f32; 2], found: &mut Registration) -> bool {
-        let before = *found;
-        let half_px = self.anchor.window.half_px();
-        let agrees = |found: &Registration, settings: &TrackerSettings| {
-            before.place.corner_distance(&found.place, half_px) <= settings.drift_tolerance_px
+        let previous = *found;
+        let corrected = self.sharpen(median, found)
+            || match self.registrar.run(&self.region, &self.anchor, changes[0], previous.place) {
+                Ok(corrected) => {
+                    *found =
+                        Registration { iterations: found.iterations + corrected.iterations, ..corrected };
+                    true
+                }
+                Err(failure) => {
+                    found.iterations += failure.iterations;
+                    false
+                }
+            };
+        // Where a refinement knows the warp of T_1, that of T_n is a translation.
+        let drift_px = if self.refinement.is_some() {
+            distance(previous.place.centre_px, found.place.centre_px)
+        } else {
+            previous.place.corner_distance(&found.place, self.anchor.window.half_px())
         };
-        if self.sharpen(median, found) {
-            return agrees(found, &self.settings);
-        }
-        let corrected = self.registrar.run(&self.region, &self.anchor, changes[0], before.place);
-        found.iterations += corrected.as_ref().map_or_else(|failure| failure.iterations, |c| c.iterations);
-        if let Some(corrected) = corrected.ok().filter(|corrected| agrees(corrected, &self.settings)) {
-            *found = Registration { iterations: found.iterations, ..corrected };
+        if corrected && drift_px <= self.settings.drift_tolerance_px {
             return true;
         }
+        *found = Registration { iterations: found.iterations, ..previous };
         if self.refinement.is_some() {
-            // T_n's place is the measurement then, and so far it was a rough one.
+            // T_n's place is the measurement then, and so far it is a rough one.
             let start = Placement { linear: self.previous_linear(), ..found.place };
             if let Ok(finer) = self.registrar.run(&self.region, &self.previous, changes[1], start) {
                 found.iterations += finer.iterations;
@@ -493,15 +505,6 @@ impl Tracker {
     }
 }
 
-/// What a registration that another one follows may leave, in pixels.
-const ROUGH_PX: f64 = 0.1;
-/// Room about an end for what follows: a refinement that moves by 2 px, and rounding.
-const AROUND_PX: usize = 3;
-/// Half a diagonal, and some stretch, over half a side.
-const MAX_STRETCH: f64 = 1.5;
-/// How far a registration may wander at first, in pixels.
-const SHORT_JUMP_PX: usize = 6;
-
 /// How far a registration may wander from the guess, in pixels.
 fn jump(settings: &TrackerSettings) -> usize {
     (settings.template_px as usize / 2).max(16)
@@ -561,6 +564,35 @@ mod tests {
             let answers: Vec<_> = answers.collect();
             assert!(answers.iter().all(|other| *other == answers[0]));
             assert!(answers[0].iter().any(|answer| answer.state == TrackState::Lost));
+        }
+    }
+
+    #[test]
+    fn a_drift_beyond_its_tolerance_keeps_the_last_template_whatever_found_the_first_one() {
+        // Spot and ground move together, so that the refinement takes part.
+        let image = |k: u32| {
+            let level = |u: f64, v: f64| {
+                let (x, y) = (u - 60.0 - 1.3 * f64::from(k), v - 60.0 - 0.4 * f64::from(k));
+                let ground = 70.0 + 30.0 * libm::sin(0.9 * x) * libm::cos(0.7 * y);
+                ground + 150.0 * libm::exp(-(x * x / 18.0 + y * y / 10.0))
+            };
+            let pixels = (0..140).flat_map(|v| (0..200).map(move |u| level(u.into(), v.into()) as u8));
+            Image::from_pixels(200, 140, pixels.collect()).expect("as many pixels as the size says")
+        };
+        for refine in [true, false] {
+            for (drift_tolerance_px, keeps) in [(0.0, true), (3.0, false)] {
+                let settings = TrackerSettings {
+                    refine,
+                    drift_tolerance_px,
+                    ..TrackerSettings::profile(Profile::Robust, 20)
+                };
+                let mut tracker = Tracker::new(settings, &image(0), [60.0, 60.0]).expect("a spot");
+                for k in 1..15 {
+                    assert_eq!(tracker.track(&image(k), &Context::default()).state, TrackState::Tracking);
+                }
+                let kept = tracker.previous.padded == tracker.anchor.padded;
+                assert_eq!(kept, keeps, "refine {refine}, tolerance {drift_tolerance_px}");
+            }
         }
     }
 }
