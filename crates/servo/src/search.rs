@@ -185,7 +185,7 @@ impl Search {
             let dim = self.crest.last().is_some_and(|s| s.level < best.level - CREST_PASSED_LEVELS);
             let passed = beyond && (dim || self.gap_images >= GAP_IMAGES);
             let end = along * self.reach(settings);
-            if self.step_towards(settings, if passed { at } else { end }, view.dt_s) || passed {
+            if passed || self.step_towards(settings, end, view.dt_s) {
                 if self.crest[0].at == best.at && !self.crest_reversed {
                     self.crest_reversed = true;
                     self.gap_images = 0;

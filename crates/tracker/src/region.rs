@@ -1,10 +1,10 @@
 use core::ops::Range;
 
-use sonoloop_simd::{Instructions, wide};
+use sonoloop_simd::{Instructions, nearest_f32, wide};
 use sonoloop_types::Image;
 
 use crate::warp::Placement;
-use crate::window::{LANES, Lanes, Part, WHOLE, Window};
+use crate::window::{LANES, Lanes, Part, Window};
 
 /// Values after the last row: a vector that begins inside may end beyond it.
 const SLACK: usize = 2 * LANES;
@@ -390,7 +390,7 @@ wide! {
         let at_least = |value: f32, low: f32| if value > low { value } else { low };
         let at_most = |value: f32, high: f32| if value < high { value } else { high };
         // The nearest whole number to u − ½ is u's floor, or one less with a fraction of one.
-        let floor = |value: f32| (at_least(value - 0.5, 0.0) + WHOLE) - WHOLE;
+        let floor = |value: f32| nearest_f32(at_least(value - 0.5, 0.0)) as f32;
         let [along_u, along_v] = lattice.along;
         let [last_u, last_v] = lattice.last;
         let row_pitch = width as f32;
@@ -435,7 +435,7 @@ wide! {
                     let (column, row) = (floor(u), floor(v));
                     fu[lane] = u - column;
                     fv[lane] = v - row;
-                    at[lane] = (row * row_pitch + column + WHOLE).to_bits() - WHOLE.to_bits();
+                    at[lane] = nearest_f32(row * row_pitch + column) as u32;
                 }
                 let [mut a, mut b, mut c, mut d] = [[0.0_f32; LANES]; 4];
                 for lane in 0..LANES {

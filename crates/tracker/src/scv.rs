@@ -1,8 +1,8 @@
 //! The adapted template of the sum of conditional variances, paper (9)–(11).
 
-use sonoloop_simd::{Instructions, wide};
+use sonoloop_simd::{Instructions, nearest_f32, wide};
 
-use crate::window::{LANES, Part, WHOLE, Window};
+use crate::window::{LANES, Part, Window};
 
 /// Most bins a setting may ask for.
 const MAX_BINS: usize = 256;
@@ -178,8 +178,7 @@ wide! {
             let place = (level - low) * per_grey - 0.5;
             let place = if place > 0.0 { place } else { 0.0 };
             let place = if place < last { place } else { last };
-            // To the nearest whole number, which is the bin.
-            *bin = (place + WHOLE).to_bits() as u8;
+            *bin = nearest_f32(place) as u8;
         }
     }
 }

@@ -2,8 +2,6 @@
 
 /// Pixels that are worked on side by side, and the lanes of every sum. No CPU changes it.
 pub(crate) const LANES: usize = 8;
-/// 2²³: adding it to a smaller non-negative number rounds that to a whole one, which then is the sum's lower bits.
-pub(crate) const WHOLE: f32 = 8_388_608.0;
 /// Eight neighbouring values.
 pub(crate) type Lanes = [f32; LANES];
 

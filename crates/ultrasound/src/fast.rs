@@ -57,22 +57,13 @@ pub fn nearest(v: f64) -> i64 {
     (v + WHOLE).to_bits() as i64 - WHOLE.to_bits() as i64
 }
 
-/// The same for an f32 below 2²². Rounding by a cast does not vectorise.
-#[inline(always)]
-pub fn nearest_f32(v: f32) -> i32 {
-    const WHOLE: f32 = 12_582_912.0;
-    (v + WHOLE).to_bits() as i32 - WHOLE.to_bits() as i32
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{exp_minus, floor, nearest, nearest_f32, power_db, turn};
+    use super::{exp_minus, floor, nearest, power_db, turn};
 
     #[test]
     fn whole_numbers_are_those_of_the_standard_library() {
         for i in -4000..4000 {
-            let v = i as f32 * 0.37;
-            assert_eq!(nearest_f32(v), v.round_ties_even() as i32, "{v}");
             for v in [f64::from(i) * 0.37, f64::from(i) * 1.0e6 + 0.3, f64::from(i)] {
                 assert_eq!(floor(v), v.floor() as i64, "{v}");
                 assert_eq!(nearest(v), v.round_ties_even() as i64, "{v}");

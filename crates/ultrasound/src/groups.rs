@@ -1,8 +1,8 @@
 //! Adding scatterers of pressed tissue, as many at a time as lie next to one another on a warp.
 
 use crate::{
-    fast::{exp_minus, nearest_f32, turn},
-    instructions::wide,
+    fast::{exp_minus, turn},
+    instructions::{nearest_f32, wide},
     points::{Column, Place},
     warp::Warp,
 };

@@ -9,8 +9,7 @@ use sonoloop_types::{Point, Pose, Vector};
 
 use crate::{
     elevation::ElevationTable,
-    fast::nearest_f32,
-    instructions::wide,
+    instructions::{nearest_f32, wide},
     lattice::Lattice,
     motion::Motion,
     shear::Shear,
