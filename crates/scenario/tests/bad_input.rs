@@ -162,6 +162,12 @@ fn scenario_cases() -> Vec<Case> {
         case(s, "elevation_mm: 3,", "elevation_mm: 0,", &["disturbances.0.probe_knock", "must move"]),
         case(
             s,
+            "elevation_mm: 3,",
+            "roll_deg: 31,",
+            &["disturbances.0.probe_knock.roll_deg = 31", "at most 30"],
+        ),
+        case(
+            s,
             "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
             "breathing: {z_mm: 25, period_s: 4}",
             &["disturbances.0.breathing.z_mm = 25", "at most 20"],
