@@ -187,6 +187,7 @@ impl World {
                 .contact
                 .element_gaps_m(&state.world_from_probe, &self.model.scenario.probe),
             indentation: None,
+            drag: None,
             gain_db: state.timeline.gain_db,
         }
     }
