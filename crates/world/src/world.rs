@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
     Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Pose, Refusal, Setup, Slice, Tissue,
-    Truth,
+    Truth, Vector,
 };
 
 use crate::WorldError;
@@ -14,7 +14,8 @@ use crate::contact::Touch;
 use crate::hidden::force_noise_n;
 use crate::inbox::{Bounds, Inbox};
 use crate::model::Model;
-use crate::needle::Feed;
+use crate::needle_feed::Feed;
+use crate::needle_force::Passage;
 use crate::press::{Press, PressInput};
 use crate::scene::{MARGIN_M, Scene};
 use crate::timeline::Timeline;
@@ -41,6 +42,7 @@ struct State {
     tick: u64,
     arm: Arm,
     feed: Feed,
+    passage: Passage,
     touch: Touch,
     press: Press,
     timeline: Timeline,
@@ -57,6 +59,8 @@ struct State {
     stopped_at_m: Option<f64>,
     /// Something is too near to the needle robot: no feed.
     needle_blocked: bool,
+    /// The needle met a force above its robot's limit: no feed any more.
+    needle_overloaded: bool,
     needle_has_moved: bool,
     refused_commands: u64,
     events: Vec<Event>,
@@ -75,10 +79,12 @@ impl World {
             scenario.limits.max_probe_speed_m_s,
             arm.press_m(),
         );
+        let start_m = scenario.insertion.start_depth_m.clamp(0.0, model.feed_limits.max_depth_m);
         let mut state = State {
             tick: 0,
             arm,
-            feed: Feed::at_rest(scenario.insertion.start_depth_m.clamp(0.0, model.feed_limits.max_depth_m)),
+            feed: Feed::at_rest(start_m),
+            passage: Passage::at_rest(&model.resistance, start_m),
             touch: Touch::resting(&model.contact, &world_from_probe),
             press,
             timeline: Timeline::new(scenario.delays.image_ticks),
@@ -89,6 +95,7 @@ impl World {
             nearest_m: None,
             stopped_at_m: None,
             needle_blocked: false,
+            needle_overloaded: false,
             needle_has_moved: false,
             refused_commands: 0,
             events: Vec::new(),
@@ -180,14 +187,14 @@ impl World {
             sequence,
             // The phantom rests in the world.
             phantom_from_probe: state.world_from_probe,
-            needle: (state.feed.depth_m > 0.0).then(|| self.model.path.seen_at(state.feed.depth_m)),
+            needle: (state.passage.tip_m > 0.0).then(|| self.model.path.seen_at(state.passage.tip_m)),
             needle_gain_db: state.timeline.needle_gain_db,
             element_gap_m: self
                 .model
                 .contact
                 .element_gaps_m(&state.world_from_probe, &self.model.scenario.probe),
             indentation: None,
-            drag: None,
+            drag: state.passage.drag(&self.model.path),
             gain_db: state.timeline.gain_db,
         }
     }
@@ -216,7 +223,10 @@ impl World {
     /// What really is the case now.
     pub fn truth(&self) -> Truth {
         let (state, model) = (&self.state, &*self.model);
-        let depth_m = state.feed.depth_m;
+        let depth_m = state.passage.tip_m;
+        let drag = state.passage.drag(&model.path);
+        let target = model.target_in_phantom;
+        let target = target + drag.map_or(Vector::zeros(), |drag| drag.displacement_m(target));
         let probe_from_world = state.world_from_probe.inverse();
         let sight = truth::sight(&model.scenario, &model.path, &probe_from_world, depth_m);
         Truth {
@@ -235,7 +245,8 @@ impl World {
             depth_m,
             feed_m_s: state.feed.speed_m_s,
             contact_force_n: state.touch.force_n,
-            target_distance_m: (sight.tip_in_world - model.target_in_phantom).norm(),
+            needle_force_n: model.resistance.force_n(&state.passage),
+            target_distance_m: (sight.tip_in_world - target).norm(),
             min_joint_margin_rad: model.arm.chain.margin_rad(state.arm.angles_rad()),
             collision: state.nearest_m.is_some_and(|distance_m| distance_m <= 0.0),
         }
@@ -325,10 +336,11 @@ impl State {
 
     fn feed_needle(&mut self, model: &Model) {
         let moved_before = self.feed.speed_m_s > 0.0;
-        if self.needle_blocked {
+        if self.needle_blocked || self.needle_overloaded {
             self.feed.wanted_m_s = 0.0;
         }
         self.feed.step(&model.feed_limits);
+        self.pass_through(model);
         let depth_mm = self.feed.depth_m * 1e3;
         match (moved_before, self.feed.speed_m_s > 0.0) {
             (true, false) => {
@@ -341,6 +353,24 @@ impl State {
                 self.needle_has_moved = true;
             }
             _ => {}
+        }
+    }
+
+    /// What the tip meets: a face that it pierces, or more force than the needle robot takes.
+    fn pass_through(&mut self, model: &Model) {
+        if self.passage.step(&model.resistance, self.feed.depth_m) {
+            let depth_mm = self.passage.tip_m * 1e3;
+            self.event(EventKind::Puncture, format!("the tip pierces a face at {depth_mm:.2} mm"));
+        }
+        let force_n = model.resistance.force_n(&self.passage);
+        let max_force_n = model.scenario.needle_robot.max_force_n;
+        if force_n > max_force_n && !self.needle_overloaded {
+            self.needle_overloaded = true;
+            let detail = format!(
+                "{force_n:.1} N on the needle at {:.2} mm, {max_force_n:.1} N are allowed; it stops for good",
+                self.passage.tip_m * 1e3
+            );
+            self.event(EventKind::NeedleBlocked, detail);
         }
     }
 
