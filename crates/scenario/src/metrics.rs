@@ -17,6 +17,7 @@ pub const METRICS: &[&str] = &[
     "silent_loss_s",
     "plane_to_tip_rms_mm",
     "max_contact_force_n",
+    "max_needle_force_n",
     "min_joint_margin_deg",
     "final_target_distance_mm",
     "success",

@@ -115,6 +115,8 @@ pub struct NeedleRobotSpec {
     pub max_acceleration_m_s2: f64,
     /// Longest insertion.
     pub max_depth_m: f64,
+    /// Feed stops for good when the force on the needle exceeds this.
+    pub max_force_n: f64,
     /// Feed stops when no valid command came for this long.
     pub watchdog_ticks: u64,
 }
@@ -143,8 +145,41 @@ pub struct Material {
     pub acoustics: Acoustics,
     /// Young's modulus; `None` for liquids, which bear no probe.
     pub youngs_modulus_pa: Option<f64>,
-    /// Friction on the shaft of a 22G needle per buried length; `None` where no needle goes in. Not simulated yet.
-    pub needle_friction_n_m: Option<f64>,
+    /// How a needle gets through; `None` where none does.
+    pub needle: Option<PassageSpec>,
+}
+
+/// How a material lets a needle through. Forces are those on a 22G needle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PassageSpec {
+    /// Friction on the shaft per buried length.
+    pub friction_n_m: f64,
+    /// Force on the tip while it cuts.
+    pub cutting_n: f64,
+    /// Force on the tip at which it pierces the material's face.
+    pub puncture_n: f64,
+    /// a₁ of the force a₁x + a₂x² on a face that has given way by x.
+    pub stiffness_n_m: f64,
+    /// a₂ of the same.
+    pub stiffening_n_m2: f64,
+    /// Distance from the tip at which 1/e of what it carries along is left.
+    pub drag_decay_m: f64,
+    /// Share of the needle's own curvature that its bevel steers into.
+    pub bending: f64,
+}
+
+impl PassageSpec {
+    /// How far the face gives way until it is pierced, for a tip that comes with a force of `from_n`: the root of
+    /// from + a₁x + a₂x² = puncture. 0 where `from_n` is enough, infinite where the face yields without force.
+    pub fn dent_m(&self, from_n: f64) -> f64 {
+        let missing_n = self.puncture_n - from_n;
+        if missing_n <= 0.0 {
+            return 0.0;
+        }
+        let (a1, a2) = (self.stiffness_n_m, self.stiffening_n_m2);
+        // Citardauq form: no difference of near numbers, and good for a₂ = 0.
+        2.0 * missing_n / (a1 + (a1 * a1 + 4.0 * a2 * missing_n).sqrt())
+    }
 }
 
 /// A body inside the phantom.

@@ -365,6 +365,7 @@ fn robot_cases() -> Vec<Case> {
             "upper=\"0.150\" effort=\"0\" velocity=\"0\"",
             &["joint `reach`", "velocity = 0", "> 0 (m/s)"],
         ),
+        case(NEEDLE_ROBOT, "max_force_n: 8", "max_force_n: 0", &["max_force_n = 0", "at least 0.1"]),
         case(NEEDLE_ROBOT, "watchdog_ms: 200", "watchdog_ms: 0", &["watchdog_ms = 0", "at least 1"]),
     ]
 }
@@ -433,6 +434,24 @@ fn phantom_and_tool_cases() -> Vec<Case> {
             "backscatter_db: 18",
             "backscatter_db: loud",
             &["materials.echogenic.backscatter_db = \"loud\""],
+        ),
+        case(
+            materials,
+            "friction_n_m: 15",
+            "friction_n_m: -15",
+            &["materials.agar.needle.friction_n_m = -15", "at least 0"],
+        ),
+        case(
+            materials,
+            "cutting_n: 0.3, puncture_n: 0.8, stiffness_n_m: 400",
+            "cutting_n: 0.3, puncture_n: 0.2, stiffness_n_m: 400",
+            &["materials.agar.needle.puncture_n = 0.2", "at least cutting_n = 0.3"],
+        ),
+        case(
+            materials,
+            "stiffness_n_m: 400, stiffening_n_m2: 200000",
+            "stiffness_n_m: 0, stiffening_n_m2: 0",
+            &["materials.agar.needle.puncture_n = 0.8", "given way by inf mm", "at most 3.2 mm"],
         ),
         case(probe, "depth_mm: 18,", "depth_mm: 11,", &["elevation.4.depth_mm = 11", "above 15"]),
         case(probe, "pitch_mm: 0.2", "pitch_mm: 0.5", &["pitch_mm = 0.5", "96.0 mm", "64.0 mm"]),

@@ -10,8 +10,10 @@
 //! |---|---|
 //! | `chain`, `ik`, `motion`, `arm` | joints of the URDF, inverse kinematics, jerk-limited motion, set point and status |
 //! | `contact`, `punch`, `press` | flat punch on gel, how the tissue gives way, force control along the probe's axis |
-//! | `needle`, `needle_robot` | path of the tip, feed; joints of the robot that holds the needle |
-//! | `phantom` | columns of materials for the renderer |
+//! | `needle_path`, `needle_feed` | arcs of the tip through the materials; how fast it is fed |
+//! | `needle_force` | faces, friction, bone: force on the needle, tissue that it carries along |
+//! | `needle_robot` | joints of the robot that holds the needle |
+//! | `phantom` | which material lies where, for the needle and for the renderer |
 //! | `scene` | rapier bodies: who comes too near to whom |
 //! | `hidden`, `placement`, `model` | errors drawn from the seed, the operator's placement, checks before the start |
 //! | `timeline`, `phantom_motion`, `inbox` | disturbances, commands on their way |
@@ -32,7 +34,9 @@ mod ik;
 mod inbox;
 mod model;
 mod motion;
-mod needle;
+mod needle_feed;
+mod needle_force;
+mod needle_path;
 mod needle_robot;
 mod phantom;
 mod phantom_motion;

@@ -4,7 +4,7 @@ use sonoloop_scenario::Scenario;
 use sonoloop_types::{Point, Pose, ProbeSpec, View};
 
 use crate::contact::{Contact, element_x_m};
-use crate::needle::Path;
+use crate::needle_path::Path;
 
 /// Tip and picture at one instant.
 #[derive(Debug, Clone, Copy)]

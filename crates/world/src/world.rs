@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Indentation, Point, Pose, Refusal,
-    Setup, Slice, Tissue, Truth, Vector,
+    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Pose, Refusal, Setup, Slice, Tissue,
+    Truth, Vector,
 };
 
 use crate::WorldError;
@@ -14,7 +14,8 @@ use crate::contact::Touch;
 use crate::hidden::force_noise_n;
 use crate::inbox::{Bounds, Inbox};
 use crate::model::Model;
-use crate::needle::Feed;
+use crate::needle_feed::Feed;
+use crate::needle_force::Passage;
 use crate::press::{Press, PressInput};
 use crate::scene::{MARGIN_M, Scene};
 use crate::timeline::Timeline;
@@ -41,6 +42,7 @@ struct State {
     tick: u64,
     arm: Arm,
     feed: Feed,
+    passage: Passage,
     touch: Touch,
     press: Press,
     timeline: Timeline,
@@ -59,6 +61,8 @@ struct State {
     stopped_at_m: Option<f64>,
     /// Something is too near to the needle robot: no feed.
     needle_blocked: bool,
+    /// The needle met a force above its robot's limit: no feed any more.
+    needle_overloaded: bool,
     needle_has_moved: bool,
     refused_commands: u64,
     events: Vec<Event>,
@@ -77,10 +81,12 @@ impl World {
             scenario.limits.max_probe_speed_m_s,
             arm.press_m(),
         );
+        let start_m = scenario.insertion.start_depth_m.clamp(0.0, model.feed_limits.max_depth_m);
         let mut state = State {
             tick: 0,
             arm,
-            feed: Feed::at_rest(scenario.insertion.start_depth_m.clamp(0.0, model.feed_limits.max_depth_m)),
+            feed: Feed::at_rest(start_m),
+            passage: Passage::at_rest(&model.resistance, start_m),
             touch: Touch::resting(&model.contact, &world_from_probe),
             press,
             timeline: Timeline::new(scenario.delays.image_ticks),
@@ -92,6 +98,7 @@ impl World {
             nearest_m: None,
             stopped_at_m: None,
             needle_blocked: false,
+            needle_overloaded: false,
             needle_has_moved: false,
             refused_commands: 0,
             events: Vec::new(),
@@ -180,14 +187,14 @@ impl World {
     pub fn slice(&self, sequence: u64) -> Slice {
         let (state, model) = (&self.state, &*self.model);
         let phantom_from_probe = state.phantom_from_probe();
-        let tip_m = state.tip_m(model);
         Slice {
             sequence,
             phantom_from_probe,
-            needle: (tip_m > 0.0).then(|| model.path.seen_at(tip_m)),
+            needle: (state.passage.tip_m > 0.0).then(|| model.path.seen_at(state.passage.tip_m)),
             needle_gain_db: state.timeline.needle_gain_db,
             element_gap_m: model.contact.element_gaps_m(&phantom_from_probe, &model.scenario.probe),
             indentation: model.contact.indentation(&phantom_from_probe),
+            drag: state.passage.drag(&model.path),
             gain_db: state.timeline.gain_db,
         }
     }
@@ -218,8 +225,12 @@ impl World {
         let (state, model) = (&self.state, &*self.model);
         let phantom_from_probe = state.phantom_from_probe();
         let probe_from_phantom = phantom_from_probe.inverse();
-        let sight = truth::sight(&model.scenario, &model.path, &probe_from_phantom, state.tip_m(model));
-        let target_in_phantom = pressed(model.contact.indentation(&phantom_from_probe), model.target_at_rest);
+        let sight = truth::sight(&model.scenario, &model.path, &probe_from_phantom, state.passage.tip_m);
+        let press = model.contact.indentation(&phantom_from_probe);
+        let drag = state.passage.drag(&model.path);
+        let target_in_phantom = model.target_at_rest
+            + press.map_or_else(Vector::zeros, |press| press.displacement_m(model.target_at_rest))
+            + drag.map_or_else(Vector::zeros, |drag| drag.displacement_m(model.target_at_rest));
         Truth {
             tick: state.tick,
             world_from_probe: state.world_from_probe,
@@ -236,6 +247,7 @@ impl World {
             depth_m: state.feed.depth_m,
             feed_m_s: state.feed.speed_m_s,
             contact_force_n: state.touch.force_n,
+            needle_force_n: model.resistance.force_n(&state.passage),
             target_distance_m: (sight.tip_in_phantom - target_in_phantom).norm(),
             min_joint_margin_rad: model.arm.chain.margin_rad(state.arm.angles_rad()),
             collision: state.nearest_m.is_some_and(|distance_m| distance_m <= 0.0),
@@ -248,19 +260,14 @@ impl World {
     }
 }
 
-/// Where a point of the resting phantom is now.
-fn pressed(indentation: Option<Indentation>, rest: Point) -> Point {
-    rest + indentation.map_or_else(Vector::zeros, |press| press.displacement_m(rest))
-}
-
 impl State {
     fn phantom_from_probe(&self) -> Pose {
         self.world_from_phantom.inverse() * self.world_from_probe
     }
 
-    /// How far along its path in the phantom the tip is: the robot holds the needle, and a phantom that moves slides along
-    /// it.
-    fn tip_m(&self, model: &Model) -> f64 {
+    /// Depth along the path at which an unhindered tip is: the robot holds the needle, and a phantom that moves slides
+    /// along it.
+    fn hub_m(&self, model: &Model) -> f64 {
         self.feed.depth_m - model.path.axis_at_entry().dot(&self.world_from_phantom.translation.vector)
     }
 
@@ -286,6 +293,7 @@ impl State {
         let scenario = &model.scenario;
         self.tick += 1;
         self.timeline.step(&scenario.disturbances, self.tick, &mut self.events);
+        self.world_from_phantom.translation.vector = self.timeline.phantom_shift_m(self.tick);
         while let Some(command) = self.inbox.pop_due(self.tick) {
             self.obey(model, &command);
         }
@@ -301,7 +309,6 @@ impl State {
         }
         self.world_from_probe =
             scenario.arm.world_from_base * self.arm.base_from_flange() * self.flange_from_probe;
-        self.world_from_phantom.translation.vector = self.timeline.phantom_shift_m(self.tick);
         self.touch.step(&model.contact, &self.phantom_from_probe());
         if self.press.watch(self.touch.force_n) {
             let detail = format!(
@@ -342,10 +349,11 @@ impl State {
 
     fn feed_needle(&mut self, model: &Model) {
         let moved_before = self.feed.speed_m_s > 0.0;
-        if self.needle_blocked {
+        if self.needle_blocked || self.needle_overloaded {
             self.feed.wanted_m_s = 0.0;
         }
         self.feed.step(&model.feed_limits);
+        self.pass_through(model);
         let depth_mm = self.feed.depth_m * 1e3;
         match (moved_before, self.feed.speed_m_s > 0.0) {
             (true, false) => {
@@ -358,6 +366,24 @@ impl State {
                 self.needle_has_moved = true;
             }
             _ => {}
+        }
+    }
+
+    /// What the tip meets: a face that it pierces, or more force than the needle robot takes.
+    fn pass_through(&mut self, model: &Model) {
+        if self.passage.step(&model.resistance, self.hub_m(model)) {
+            let depth_mm = self.passage.tip_m * 1e3;
+            self.event(EventKind::Puncture, format!("the tip pierces a face at {depth_mm:.2} mm"));
+        }
+        let force_n = model.resistance.force_n(&self.passage);
+        let max_force_n = model.scenario.needle_robot.max_force_n;
+        if force_n > max_force_n && !self.needle_overloaded {
+            self.needle_overloaded = true;
+            let detail = format!(
+                "{force_n:.1} N on the needle at {:.2} mm, {max_force_n:.1} N are allowed; it stops for good",
+                self.passage.tip_m * 1e3
+            );
+            self.event(EventKind::NeedleBlocked, detail);
         }
     }
 

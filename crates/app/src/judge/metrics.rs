@@ -53,6 +53,8 @@ pub struct Metrics {
     pub plane_to_tip_rms_mm: Option<f64>,
     /// Largest true contact force.
     pub max_contact_force_n: Option<f64>,
+    /// Largest true force on the needle against the insertion.
+    pub max_needle_force_n: Option<f64>,
     /// Smallest distance of any joint to its limit.
     pub min_joint_margin_deg: Option<f64>,
     /// Distance of the tip from the target at the end.
@@ -96,6 +98,7 @@ impl Metrics {
             "silent_loss_s" => self.silent_loss_s,
             "plane_to_tip_rms_mm" => self.plane_to_tip_rms_mm,
             "max_contact_force_n" => self.max_contact_force_n,
+            "max_needle_force_n" => self.max_needle_force_n,
             "min_joint_margin_deg" => self.min_joint_margin_deg,
             "final_target_distance_mm" => self.final_target_distance_mm,
             _ => None,
@@ -142,6 +145,7 @@ pub fn metrics(recording: &Recording, facts: &Facts) -> Metrics {
         silent_loss_s: (!images.is_empty()).then_some(silent_loss_s),
         plane_to_tip_rms_mm: plane_to_tip_rms_m(images).map(|rms_m| rms_m * 1e3),
         max_contact_force_n,
+        max_needle_force_n: largest(ticks.iter().map(|row| row.needle_force_n)),
         min_joint_margin_deg: min_joint_margin_rad.map(f64::to_degrees),
         final_target_distance_mm: final_target_distance_m.map(|distance_m| distance_m * 1e3),
         success: at_target

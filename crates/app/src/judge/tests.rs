@@ -87,7 +87,7 @@ fn nothing_recorded_is_no_success() {
     let metrics = metrics(&recording(vec![], vec![]), &facts());
     assert!(!metrics.success);
     assert_eq!(metrics.silent_loss_s, None);
-    assert_eq!(metrics.max_contact_force_n, None);
+    assert_eq!((metrics.max_contact_force_n, metrics.max_needle_force_n), (None, None));
     assert_eq!(metrics.min_joint_margin_deg, None);
     assert_eq!(metrics.final_target_distance_mm, None);
 }
@@ -287,10 +287,12 @@ fn a_claim_without_a_finite_position_covers_nothing() {
 fn truth_extremes_over_ticks() {
     let mut recording = scripted("vvv", "TTT");
     recording.ticks[50].contact_force_n = 7.5;
+    recording.ticks[70].needle_force_n = 1.25;
     recording.ticks[60].min_joint_margin_rad = std::f64::consts::PI / 180.0;
     recording.ticks.last_mut().unwrap().target_distance_m = 0.25e-3;
     let metrics = metrics(&recording, &facts());
     close(metrics.max_contact_force_n, 7.5);
+    close(metrics.max_needle_force_n, 1.25);
     close(metrics.min_joint_margin_deg, 1.0);
     close(metrics.final_target_distance_mm, 0.25);
 }
