@@ -5,6 +5,7 @@ use sonoloop_types::{Point, Pose, ProbeSpec, View};
 
 use crate::contact::{Contact, element_x_m};
 use crate::needle::Path;
+use crate::timeline::Timeline;
 
 /// Tip and picture at one instant.
 #[derive(Debug, Clone, Copy)]
@@ -35,10 +36,11 @@ pub(crate) fn sight(scenario: &Scenario, path: &Path, probe_from_world: &Pose, d
 }
 
 /// Visible: the tip within half the −6 dB slice thickness of the plane, inside the picture and under the
-/// array, and every element within half a beam's width of it in contact.
+/// array, every element within half a beam's width of it in contact and not shadowed, and the picture one of now.
 pub(crate) fn visible(
     probe: &ProbeSpec,
     contact: &Contact,
+    timeline: &Timeline,
     world_from_probe: &Pose,
     tip_in_probe: &Point,
 ) -> bool {
@@ -46,12 +48,12 @@ pub(crate) fn visible(
     let in_slice = tip_in_probe.y.abs() <= half_slice_m;
     let in_picture = probe.geometry.contains(probe.geometry.px_from_probe(tip_in_probe), 0.0);
     let under_array = tip_in_probe.x.abs() <= probe.aperture_m() / 2.0;
-    if !(in_slice && in_picture && under_array) {
+    if !(in_slice && in_picture && under_array) || timeline.images_frozen() {
         return false;
     }
     let reach_m = (probe.lateral_width_m() / 2.0).max(probe.pitch_m / 2.0);
     (0..probe.elements)
         .map(|element| element_x_m(probe, element))
         .filter(|x| (x - tip_in_probe.x).abs() <= reach_m)
-        .all(|x| contact.gap_m(world_from_probe, x) == 0.0)
+        .all(|x| contact.gap_m(world_from_probe, x) == 0.0 && !timeline.hides(x))
 }
