@@ -152,7 +152,7 @@ fn scenario_cases() -> Vec<Case> {
         // The timeline.
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
             "gain_change: {gain_db: 3}\n    lift_off: {height_mm: 3, duration_s: 1}",
             &["disturbances.0.at_s = 3:", "exactly one", "probe_knock"],
         ),
@@ -218,6 +218,25 @@ fn scenario_cases() -> Vec<Case> {
             "tracker_hung: {duration_s: 1}\n    tracker_garbage: {duration_s: 1}",
             &["exactly one", "tracker_hung"],
         ),
+        case(
+            s,
+            KNOCK,
+            "breathing: {z_mm: 25, period_s: 4}",
+            &["disturbances.0.breathing.z_mm = 25", "at most 20"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "breathing: {z_mm: 2, period_s: 0.1}",
+            &["disturbances.0.breathing.period_s = 0.1", "at least 0.5"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "phantom_drift: {duration_s: 1}",
+            &["disturbances.0.phantom_drift", "must move the phantom"],
+        ),
+        case(s, KNOCK, "phantom_step: {x_mm: 1, duration_s: 38}", &["disturbances.0.at_s = 3", "at most 2"]),
         case(s, "duration_s: 40", "duration_s: 3", &["disturbances.0.at_s", "at most 2.9", "duration_s = 3"]),
         // Randomize.
         case(

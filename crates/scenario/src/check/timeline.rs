@@ -1,13 +1,13 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Translation3, UnitQuaternion};
-use sonoloop_types::Pose;
+use sonoloop_types::{Pose, Vector};
 
 use super::units::{m, rad, ticks, ticks_of_ms};
 use crate::document::Document;
 use crate::metrics::{METRICS, TRUTH_VALUED};
 use crate::raw::{RawBound, RawDisturbance, RawKnock};
-use crate::{Bound, Disturbance, DisturbanceKind, Expectation, LoadError};
+use crate::{Bound, Disturbance, DisturbanceKind, Expectation, LoadError, PhantomMotion};
 
 /// The timeline by ascending tick; what happens at one tick keeps the order of the file.
 pub(super) fn disturbances(
@@ -73,6 +73,29 @@ fn kind(document: &Document, key: &str, entry: &RawDisturbance) -> Result<(Distu
     }
     kinds.extend(lost_on_the_way(document, key, entry)?);
     kinds.extend(stuck(entry));
+    if let Some(breath) = &entry.breathing {
+        let motion = PhantomMotion::Breathing {
+            reach_m: shift(document, &format!("{key}.breathing"), [breath.x_mm, breath.y_mm, breath.z_mm])?,
+            period_ticks: ticks(breath.period_s),
+            phase_rad: rad(breath.phase_deg),
+        };
+        kinds.push((DisturbanceKind::PhantomMoves(motion), 0.0));
+    }
+    if let Some(drift) = &entry.phantom_drift {
+        let speed = [drift.x_mm_s, drift.y_mm_s, drift.z_mm_s];
+        let motion = PhantomMotion::Drift {
+            velocity_m_s: shift(document, &format!("{key}.phantom_drift"), speed)?,
+            duration_ticks: ticks(drift.duration_s),
+        };
+        kinds.push((DisturbanceKind::PhantomMoves(motion), drift.duration_s));
+    }
+    if let Some(step) = &entry.phantom_step {
+        let motion = PhantomMotion::Step {
+            shift_m: shift(document, &format!("{key}.phantom_step"), [step.x_mm, step.y_mm, step.z_mm])?,
+            duration_ticks: ticks(step.duration_s),
+        };
+        kinds.push((DisturbanceKind::PhantomMoves(motion), step.duration_s));
+    }
     match kinds[..] {
         [one] => Ok(one),
         _ => Err(document.fail(
@@ -144,6 +167,14 @@ fn stuck(entry: &RawDisturbance) -> Vec<(DisturbanceKind, f64)> {
         kinds.push((kind, span.duration_s));
     }
     kinds
+}
+
+/// Three values in millimetres (per second) in SI; a motion that moves nothing is a mistake.
+fn shift(document: &Document, key: &str, mm: [f64; 3]) -> Result<Vector, LoadError> {
+    if mm == [0.0; 3] {
+        return Err(document.fail(key, "must move the phantom; every part of it is 0"));
+    }
+    Ok(Vector::from(mm.map(m)))
 }
 
 /// The probe before the slip from the probe after it: y is elevational, z axial, x along the array.
