@@ -66,8 +66,13 @@ fn faults_give_the_same_bytes_with_and_without_a_wire() {
             command.args(["run", &scenario, "--json", "--seed", "1", "--out"]).arg(&out).args(extra);
             let finished = finish(start(command));
             assert!(finished.code() < 2, "{fault}: {}", finished.stderr);
-            let events = std::fs::read_to_string(out.join("events.csv")).expect("events.csv");
-            (images_csv(&out), events)
+            let read = |name: &str| std::fs::read_to_string(out.join(name)).expect(name);
+            let (images, events) = (read("images.csv"), read("events.csv"));
+            assert!(
+                images.lines().count() > 60,
+                "{fault}: with half of them lost there are still so many images"
+            );
+            (images, events)
         });
         assert_same(&two.0, &one.0, fault);
         assert_same(&two.1, &one.1, fault);
