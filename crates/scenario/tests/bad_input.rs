@@ -32,6 +32,9 @@ fn cases() -> Vec<Case> {
     cases
 }
 
+/// The knock of [`SCENARIO`], to put something else in its place.
+const KNOCK: &str = "probe_knock: {elevation_mm: 3, duration_s: 0.1}";
+
 fn scenario_cases() -> Vec<Case> {
     let s = SCENARIO;
     vec![
@@ -149,7 +152,7 @@ fn scenario_cases() -> Vec<Case> {
         // The timeline.
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
             "gain_change: {gain_db: 3}\n    lift_off: {height_mm: 3, duration_s: 1}",
             &["disturbances.0.at_s = 3:", "exactly one", "probe_knock"],
         ),
@@ -168,28 +171,78 @@ fn scenario_cases() -> Vec<Case> {
         ),
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
+            "gel_lost: {from_mm: -120, to_mm: 5, gap_mm: 0.3, duration_s: 1}",
+            &["gel_lost.from_mm = -120", "at least -100"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "gel_lost: {from_mm: 5, to_mm: 5, gap_mm: 0.3, duration_s: 1}",
+            &["gel_lost.to_mm = 5", "above from_mm = 5"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "gel_lost: {from_mm: 0, to_mm: 5, gap_mm: 0, duration_s: 1}",
+            &["gel_lost.gap_mm = 0", "at least 0.001"],
+        ),
+        case(s, KNOCK, "noise: {gain_db: 70}", &["noise.gain_db = 70", "at most 60"]),
+        case(
+            s,
+            KNOCK,
+            "shadow: {x_mm: 0, width_mm: 0, loss_db: 20, duration_s: 1}",
+            &["shadow.width_mm = 0", "at least 0.1"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "shadow: {x_mm: 0, width_mm: 5, loss_db: -3, duration_s: 1}",
+            &["shadow.loss_db = -3", "at least 0.1"],
+        ),
+        case(s, KNOCK, "frozen_images: {duration_s: 0}", &["frozen_images.duration_s = 0", "at least 0.001"]),
+        case(s, KNOCK, "frozen_images: {duration_s: 38}", &["disturbances.0.at_s", "at most 2", "38 s"]),
+        case(
+            s,
+            KNOCK,
+            "dropped_images: {share: 1.5, duration_s: 1}",
+            &["dropped_images.share = 1.5", "at most 1"],
+        ),
+        case(s, KNOCK, "dropped_images: {share: 0.5}", &["disturbances.0", "missing field", "duration_s"]),
+        case(s, KNOCK, "command_delay: {command_ms: 0}", &["command_delay.command_ms = 0", "at least 1"]),
+        case(s, KNOCK, "arm_stall: {duration_s: 700}", &["arm_stall.duration_s = 700", "at most 600"]),
+        case(s, KNOCK, "tracker_hung: {down_s: 1}", &["tracker_hung.down_s", "unknown field", "duration_s"]),
+        case(
+            s,
+            KNOCK,
+            "tracker_garbage: {duration_s: -1}",
+            &["tracker_garbage.duration_s = -1", "at least 0.001"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "tracker_hung: {duration_s: 1}\n    tracker_garbage: {duration_s: 1}",
+            &["exactly one", "tracker_hung"],
+        ),
+        case(
+            s,
+            KNOCK,
             "breathing: {z_mm: 25, period_s: 4}",
             &["disturbances.0.breathing.z_mm = 25", "at most 20"],
         ),
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
             "breathing: {z_mm: 2, period_s: 0.1}",
             &["disturbances.0.breathing.period_s = 0.1", "at least 0.5"],
         ),
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
             "phantom_drift: {duration_s: 1}",
             &["disturbances.0.phantom_drift", "must move the phantom"],
         ),
-        case(
-            s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
-            "phantom_step: {x_mm: 1, duration_s: 38}",
-            &["disturbances.0.at_s = 3", "at most 2"],
-        ),
+        case(s, KNOCK, "phantom_step: {x_mm: 1, duration_s: 38}", &["disturbances.0.at_s = 3", "at most 2"]),
         case(s, "duration_s: 40", "duration_s: 3", &["disturbances.0.at_s", "at most 2.9", "duration_s = 3"]),
         // Randomize.
         case(

@@ -1,5 +1,7 @@
 use serde::{Deserialize, Serialize};
-use sonoloop_types::{Acquisition, Command, Estimate, Point, Pose, Reason, Setup, TrackState, Vector, View};
+use sonoloop_types::{
+    Acquisition, ArmStatus, Command, Estimate, Point, Pose, Reason, Setup, TrackState, Vector, View,
+};
 
 use crate::search::{self, Offset, Search};
 use crate::{feed, follow, hold::Hold, predict};
@@ -164,6 +166,10 @@ impl Servo {
                 );
                 (Some(displaced(&held, search.commanded, &lost_tip)), 0.0)
             }
+            // Behind an arm that does not obey the needle waits, and nothing adds up meanwhile.
+            Mode::Follow if matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision) => {
+                (Some(held), 0.0)
+            }
             Mode::Follow if estimate.state == TrackState::Tracking => {
                 self.follow(acquisition, estimate, held, time_s, dt_s)
             }
@@ -313,7 +319,7 @@ fn offset_from(held: &Pose, measured: &Pose, tip_in_probe: &Point) -> Offset {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use sonoloop_types::{ArmStatus, ImageGeometry, Limits, Profile, ServoSettings, TrackerSettings};
+    use sonoloop_types::{ImageGeometry, Limits, Profile, ServoSettings, TrackerSettings};
 
     pub(crate) fn settings() -> ServoSettings {
         ServoSettings {
@@ -388,6 +394,20 @@ pub(crate) mod tests {
         assert!(matches!(servo.mode(), Mode::Search(_)));
         assert_eq!(servo.answer(&acquisition(2), &estimate(TrackState::Tracking)).feed_m_s, 10e-3);
         assert_eq!(*servo.mode(), Mode::Follow);
+    }
+
+    #[test]
+    fn behind_an_arm_that_does_not_obey_the_needle_waits_and_nothing_adds_up() {
+        let mut servo = Servo::new(setup(View::Lateral));
+        // Outside the dead band: an arm that obeys would be sent after it, farther with every image.
+        let aside = Estimate { tip_px: Some([460.0, 200.0]), ..estimate(TrackState::Tracking) };
+        for (k, arm_status) in (0..).zip([ArmStatus::Holding, ArmStatus::Collision, ArmStatus::Holding]) {
+            let command = servo.answer(&Acquisition { arm_status, ..acquisition(k) }, &aside);
+            assert_eq!((command.feed_m_s, command.target_base_from_probe), (0.0, Some(Pose::identity())));
+        }
+        let command = servo.answer(&acquisition(3), &aside);
+        assert_eq!(command.feed_m_s, 10e-3);
+        assert!(command.target_base_from_probe.unwrap().translation.x < 1e-3);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use sonoloop_types::{Point, Pose, ProbeSpec, View};
 
 use crate::contact::{Contact, element_x_m};
 use crate::needle_path::Path;
+use crate::timeline::Timeline;
 
 /// Tip and picture at one instant.
 #[derive(Debug, Clone, Copy)]
@@ -34,11 +35,13 @@ pub(crate) fn sight(scenario: &Scenario, path: &Path, probe_from_phantom: &Pose,
     Sight { tip_in_phantom, tip_in_probe, reference_px, plane_to_tip_m }
 }
 
-/// Visible: the tip within half the −6 dB slice thickness of the plane, inside the picture and under the array, and as much
-/// of the aperture that images it in contact as leaves −6 dB of its echo: sent and heard by a share s, s² of its amplitude.
+/// Visible: the tip within half the −6 dB slice thickness of the plane, inside the picture and under the array, the picture
+/// one of now, and as much of the aperture that images the tip in contact and not shadowed as leaves −6 dB of its echo:
+/// sent and heard by a share s, s² of its amplitude.
 pub(crate) fn visible(
     probe: &ProbeSpec,
     contact: &Contact,
+    timeline: &Timeline,
     phantom_from_probe: &Pose,
     tip_in_probe: &Point,
 ) -> bool {
@@ -46,7 +49,7 @@ pub(crate) fn visible(
     let in_slice = tip_in_probe.y.abs() <= half_slice_m;
     let in_picture = probe.geometry.contains(probe.geometry.px_from_probe(tip_in_probe), 0.0);
     let under_array = tip_in_probe.x.abs() <= probe.aperture_m() / 2.0;
-    if !(in_slice && in_picture && under_array) {
+    if !(in_slice && in_picture && under_array) || timeline.images_frozen() {
         return false;
     }
     // The aperture grows with depth; near the face the element above the tip remains.
@@ -55,7 +58,7 @@ pub(crate) fn visible(
     for x_m in (0..probe.elements).map(|element| element_x_m(probe, element)) {
         if (x_m - tip_in_probe.x).abs() <= reach_m {
             active += 1;
-            touching += u32::from(contact.gap_m(phantom_from_probe, x_m) == 0.0);
+            touching += u32::from(contact.gap_m(phantom_from_probe, x_m) == 0.0 && !timeline.hides(x_m));
         }
     }
     // s² ≥ ½, in whole numbers.
@@ -75,6 +78,7 @@ mod tests {
         let (mut probe, phantom) = (fixture::probe(), fixture::phantom());
         probe.f_number = 2.0;
         let contact = Contact::new(&probe, &phantom);
+        let undisturbed = Timeline::new(&fixture::scenario().delays);
         let tip = Point::new(0.0, 0.0, 20e-3);
         // 5 mm of aperture to either side; 0.707 of it touches while contact begins left of 5 − 7.07 mm.
         let edge_m = 5e-3 - 10e-3 * std::f64::consts::FRAC_1_SQRT_2;
@@ -87,7 +91,7 @@ mod tests {
             let centre = -along * begins_m;
             let pose = Pose::from_parts(Vector::new(0.0, 0.0, centre.z).into(), rotation);
             assert!(along.z < 0.0, "the right end is pressed in");
-            assert_eq!(visible(&probe, &contact, &pose, &tip), expected, "{begins_m}");
+            assert_eq!(visible(&probe, &contact, &undisturbed, &pose, &tip), expected, "{begins_m}");
         }
     }
 }

@@ -10,8 +10,8 @@ use sonoloop_types::{
 
 use crate::WorldError;
 use crate::arm::{Arm, CONTROL_TICKS};
-use crate::contact::Touch;
-use crate::hidden::force_noise_n;
+use crate::contact::{Touch, element_x_m};
+use crate::hidden::{GarbageWords, force_noise_n, garbage_words, uniform_for_drop};
 use crate::inbox::{Bounds, Inbox};
 use crate::model::Model;
 use crate::needle_feed::Feed;
@@ -89,7 +89,7 @@ impl World {
             passage: Passage::at_rest(&model.resistance, start_m),
             touch: Touch::resting(&model.contact, &world_from_probe),
             press,
-            timeline: Timeline::new(scenario.delays.image_ticks),
+            timeline: Timeline::new(&scenario.delays),
             inbox: Inbox::new(),
             flange_from_probe,
             world_from_probe,
@@ -133,6 +133,27 @@ impl World {
         self.state.timeline.tracker_down()
     }
 
+    /// True while the scenario lets the tracker hang: it gets images, and no answer is due.
+    pub fn tracker_hung(&self) -> bool {
+        self.state.timeline.tracker_hung()
+    }
+
+    /// Random words for an answer to image `sequence` that arrives now, when the scenario makes garbage of it.
+    pub fn garbage(&self, sequence: u64) -> Option<GarbageWords> {
+        self.state.timeline.tracker_garbage().then(|| garbage_words(self.model.scenario.seed, sequence))
+    }
+
+    /// True while the scanner hands out its last picture again.
+    pub fn images_frozen(&self) -> bool {
+        self.state.timeline.images_frozen()
+    }
+
+    /// True when the picture `sequence`, taken now, is lost before it is published.
+    pub fn drops_image(&self, sequence: u64) -> bool {
+        let share = self.state.timeline.dropped_share();
+        share > 0.0 && uniform_for_drop(self.model.scenario.seed, sequence) < share
+    }
+
     /// Commands refused so far.
     pub fn refused_commands(&self) -> u64 {
         self.state.refused_commands
@@ -155,7 +176,7 @@ impl World {
         let bounds = Bounds {
             limits: &scenario.limits,
             base_from_probe_at_start: &self.model.base_from_probe_at_start,
-            command_delay_ticks: scenario.delays.command_ticks,
+            command_delay_ticks: self.state.timeline.command_delay_ticks,
         };
         let receipt = self.state.inbox.submit(command, self.state.tick, &bounds);
         self.state.report(&receipt);
@@ -192,11 +213,30 @@ impl World {
             phantom_from_probe,
             needle: (state.passage.tip_m > 0.0).then(|| model.path.seen_at(state.passage.tip_m)),
             needle_gain_db: state.timeline.needle_gain_db,
-            element_gap_m: model.contact.element_gaps_m(&phantom_from_probe, &model.scenario.probe),
+            element_gap_m: self.element_gaps_m(&phantom_from_probe),
+            element_loss_db: self.element_losses_db(),
             indentation: model.contact.indentation(&phantom_from_probe),
             drag: state.passage.drag(&model.path),
             gain_db: state.timeline.gain_db,
+            noise_gain_db: state.timeline.noise_gain_db,
         }
+    }
+
+    /// Gap under each element: the surface's, or where gel is lost.
+    fn element_gaps_m(&self, phantom_from_probe: &Pose) -> Vec<f32> {
+        let (state, probe) = (&self.state, &self.model.scenario.probe);
+        let mut gaps_m = self.model.contact.element_gaps_m(phantom_from_probe, probe);
+        for (element, gap_m) in (0..probe.elements).zip(&mut gaps_m) {
+            *gap_m = gap_m.max(state.timeline.gap_m(element_x_m(probe, element)) as f32);
+        }
+        gaps_m
+    }
+
+    /// What shadows take from each element; nothing at all without one.
+    fn element_losses_db(&self) -> Vec<f32> {
+        let (timeline, probe) = (&self.state.timeline, &self.model.scenario.probe);
+        let elements = if timeline.any_shadow() { probe.elements } else { 0 };
+        (0..elements).map(|element| timeline.loss_db(element_x_m(probe, element)) as f32).collect()
     }
 
     /// What the rig measures with a picture taken now: noisy joint encoders and the *nominal* mount, noisy depth and
@@ -241,6 +281,7 @@ impl World {
             visible: truth::visible(
                 &model.scenario.probe,
                 &model.contact,
+                &state.timeline,
                 &phantom_from_probe,
                 &sight.tip_in_probe,
             ),
@@ -299,7 +340,8 @@ impl State {
         }
         self.watch_for_silence(scenario.needle_robot.watchdog_ticks);
         self.feed_needle(model);
-        if self.tick.is_multiple_of(CONTROL_TICKS) {
+        self.arm.stall(&model.arm, self.timeline.arm_stalled());
+        if self.tick.is_multiple_of(CONTROL_TICKS) && !self.timeline.arm_stalled() {
             self.control_arm(model);
         }
         self.arm.step(&model.arm);
@@ -326,6 +368,9 @@ impl State {
             self.arm.keep_target();
             return;
         };
+        if self.timeline.arm_stalled() {
+            return;
+        }
         let was_unreachable = self.arm.status() == ArmStatus::Unreachable;
         if let Err(why) = self.arm.set_target(&model.arm, target)
             && !was_unreachable
