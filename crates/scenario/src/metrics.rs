@@ -10,6 +10,7 @@ pub const METRICS: &[&str] = &[
     "recoveries",
     "detection_delay_s",
     "travel_after_loss_mm",
+    "stop_delay_s",
     "recovery_time_s",
     "false_losses",
     "false_recoveries",

@@ -4,6 +4,7 @@ use sonoloop_types::EndReason;
 use super::Facts;
 use super::loss::{Loss, losses};
 use super::recovery::declared;
+use super::stop::stop_delay_s;
 use super::tracking::{coverage, plane_to_tip_rms_m, silent_loss_s, tip_errors};
 use crate::record::Recording;
 
@@ -38,6 +39,8 @@ pub struct Metrics {
     /// Longest way of the needle from a true loss to its stop, or to the end of the loss or of the run when
     /// it did not stop; `None` without a loss.
     pub travel_after_loss_mm: Option<f64>,
+    /// Longest time from a declared loss to the needle's rest, in seconds; `None` without one.
+    pub stop_delay_s: Option<f64>,
     /// Longest time from declaring LOST to the right recovery, in seconds; `None` without a recovery.
     pub recovery_time_s: Option<f64>,
     /// Number of LOST declared while visible.
@@ -57,7 +60,7 @@ pub struct Metrics {
     /// Distance of the tip from the target at the end.
     pub final_target_distance_mm: Option<f64>,
     /// The tip ends within its bound of the target; contact force within its limit, no collision, no joint
-    /// beyond its limit; no false recovery; silent loss within its bound; the run came to its own end.
+    /// beyond its limit, the needle stopped in time after each declared loss; no false recovery; silent loss within its bound; the run came to its own end.
     pub success: bool,
 }
 
@@ -90,6 +93,7 @@ impl Metrics {
             "coverage" => self.coverage,
             "detection_delay_s" => self.detection_delay_s,
             "travel_after_loss_mm" => self.travel_after_loss_mm,
+            "stop_delay_s" => self.stop_delay_s,
             "recovery_time_s" => self.recovery_time_s,
             "silent_loss_s" => self.silent_loss_s,
             "plane_to_tip_rms_mm" => self.plane_to_tip_rms_mm,
@@ -111,6 +115,7 @@ pub fn metrics(recording: &Recording, facts: &Facts) -> Metrics {
     let losses = losses(recording, facts);
     let declared = declared(images, facts);
     let silent_loss_s = silent_loss_s(images, facts);
+    let stop_delay_s = stop_delay_s(recording);
     let max_contact_force_n = largest(ticks.iter().map(|row| row.contact_force_n));
     let min_joint_margin_rad = largest(ticks.iter().map(|row| -row.min_joint_margin_rad)).map(|x| -x);
     let final_target_distance_m = ticks.last().map(|row| row.target_distance_m);
@@ -118,7 +123,8 @@ pub fn metrics(recording: &Recording, facts: &Facts) -> Metrics {
     let at_target = final_target_distance_m.is_some_and(|distance_m| distance_m <= facts.target_tolerance_m);
     let within_limits = max_contact_force_n.is_some_and(|force_n| force_n <= facts.max_contact_force_n)
         && min_joint_margin_rad.is_some_and(|margin_rad| margin_rad >= 0.0)
-        && !ticks.iter().any(|row| row.collision);
+        && !ticks.iter().any(|row| row.collision)
+        && stop_delay_s.is_none_or(|delay_s| delay_s <= facts.stop_bound_s);
     let own_end = matches!(recording.end, EndReason::TargetReached | EndReason::TimeOver);
 
     Metrics {
@@ -132,6 +138,7 @@ pub fn metrics(recording: &Recording, facts: &Facts) -> Metrics {
         recoveries: declared.recoveries,
         detection_delay_s: largest(losses.iter().map(Loss::detection_delay_s)),
         travel_after_loss_mm: largest(losses.iter().map(|loss| loss.travel_m() * 1e3)),
+        stop_delay_s,
         recovery_time_s: declared.recovery_time_s,
         false_losses: declared.false_losses,
         false_recoveries: declared.false_recoveries,

@@ -11,7 +11,7 @@ use crate::record::{ImageRow, Recording, TickRow, Timing};
 /// Ticks between the images of these recordings.
 pub(crate) const PERIOD: u64 = 40;
 
-/// 0.1 mm per pixel, 25 images per second, 1 mm tolerance, 10 N, 0.5 s.
+/// 0.1 mm per pixel, 25 images per second, 1 mm tolerance, 10 N, 0.5 s of silence, 0.1 s to stop.
 pub(crate) fn facts() -> Facts {
     Facts {
         geometry: ImageGeometry::default(),
@@ -19,6 +19,7 @@ pub(crate) fn facts() -> Facts {
         target_tolerance_m: 1e-3,
         max_contact_force_n: 10.0,
         silent_loss_bound_s: 0.5,
+        stop_bound_s: 0.1,
     }
 }
 

@@ -153,6 +153,29 @@ fn truth_travel_waits_for_the_needle_to_stand() {
 }
 
 #[test]
+fn truth_the_stop_is_timed_from_the_declared_loss() {
+    let mut recording = scripted("vv------", "TTTLRLLL");
+    // Declared with image 3 at tick 120; the needle rolls on to tick 183.
+    for row in recording.ticks.iter_mut().filter(|row| row.tick >= 120) {
+        row.feed_m_s = if row.tick < 183 { 0.010 } else { 0.0 };
+    }
+    let late = metrics(&recording, &facts());
+    close(late.stop_delay_s, 0.063);
+    assert!(metrics(&scripted("vvvv", "TTTT"), &facts()).stop_delay_s.is_none());
+    // Taken back after one image, before the needle stood: no stop was asked for any more.
+    let mut brief = scripted("vvvvvv", "TTTLTT");
+    brief.ticks.iter_mut().for_each(|row| row.feed_m_s = 0.010);
+    assert_eq!(metrics(&brief, &facts()).stop_delay_s, None);
+    // A needle that goes on counts to the end, and is no success.
+    let mut never = scripted("vvvvvv", "TTTLLL");
+    assert!(metrics(&never, &facts()).success);
+    never.ticks.iter_mut().for_each(|row| row.feed_m_s = 0.010);
+    let never = metrics(&never, &facts());
+    close(never.stop_delay_s, 0.119);
+    assert!(!never.success);
+}
+
+#[test]
 fn truth_a_needle_that_never_stops_travels_to_the_end_of_the_run() {
     // Lost at tick 80, last tick 399: 3.19 mm, never declared.
     let metrics = judge("vv--------", "TTTTTTTTTT");
