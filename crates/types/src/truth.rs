@@ -17,7 +17,7 @@ pub struct Truth {
     pub plane_to_tip_m: f64,
     /// Tip within half the −6 dB slice thickness of the plane, inside the picture, and 0.71 of its aperture in contact.
     pub visible: bool,
-    /// Insertion depth of the tip along the needle.
+    /// Insertion depth along the needle, as the hub stands.
     pub depth_m: f64,
     /// Speed of the needle's hub along its axis.
     pub feed_m_s: f64,

@@ -130,23 +130,19 @@ impl Passage {
         }
     }
 
-    /// One tick later, with the hub where a needle that nothing stops has its tip at `hub_m`. True when a face was pierced.
-    /// A phantom that moves may take the tip back, and an unpierced face off it.
-    pub(crate) fn step(&mut self, resistance: &Resistance, hub_m: f64) -> bool {
-        self.tip_m = resistance.stop_m.map_or(hub_m, |stop_m| hub_m.min(stop_m));
-        self.pressed_m = hub_m - self.tip_m;
+    /// One tick later, with the hub where a needle that nothing stops has its tip at `free_tip_m`. True when a face was
+    /// pierced. A phantom that moves may take the tip back: what is pierced stays pierced, a face that is not pierced
+    /// is let go.
+    pub(crate) fn step(&mut self, resistance: &Resistance, free_tip_m: f64) -> bool {
+        self.tip_m = resistance.stop_m.map_or(free_tip_m, |stop_m| free_tip_m.min(stop_m));
+        self.pressed_m = free_tip_m - self.tip_m;
         let next = resistance.faces.get(self.next_face);
         let mut pierced = false;
         if let Some(face) = next.filter(|_| self.held) {
-            self.carried_m = self.tip_m - face.depth_m;
+            self.carried_m = (self.tip_m - face.depth_m).max(0.0);
             pierced = self.carried_m >= face.dent_m;
-            if self.carried_m <= 0.0 {
-                (self.carried_m, self.held) = (0.0, false);
-            }
-            if pierced {
-                self.held = false;
-                self.next_face += 1;
-            }
+            self.held = self.carried_m > 0.0 && !pierced;
+            self.next_face += usize::from(pierced);
         } else {
             let kept = libm::exp(-1.0 / (RELEASE_S * TICKS_PER_SECOND as f64));
             self.carried_m = if self.carried_m > NOTHING_M { self.carried_m * kept } else { 0.0 };
@@ -302,6 +298,18 @@ mod tests {
         let before_m = size(drags[pierced]);
         // Some 1.9 mm; 40 ms later, one image, less than 2 % of it.
         assert!(before_m > 1.5e-3 && size(drags[pierced + 40]) < 0.02 * before_m, "{before_m}");
+    }
+
+    #[test]
+    fn a_face_that_is_let_go_holds_again_and_one_that_is_pierced_does_not() {
+        let (path, resistance) = rig(Some(harder()));
+        let mut passage = Passage::at_rest(&resistance, 0.0195);
+        let mut to = |depth_m| (0..2).any(|_| passage.step(&resistance, depth_m));
+        assert!(!to(0.021) && !to(0.0195) && !to(0.021), "1 mm is not enough, however often");
+        assert!(to(0.022) && !to(0.0195) && !to(0.022));
+        assert!(passage.drag(&path).is_none_or(|drag| drag.displacement_in_phantom.norm() < 2e-3));
+        (0..100).for_each(|_| assert!(!passage.step(&resistance, 0.0215)));
+        assert_eq!(passage.drag(&path), None);
     }
 
     #[test]

@@ -134,6 +134,11 @@ impl Path {
         piece.phantom_from_needle * arc(curvature_per_m, depth_m - piece.start_m)
     }
 
+    /// Direction of the needle where it enters.
+    pub(crate) fn axis_at_entry(&self) -> Vector {
+        self.pose_at(0.0).rotation * Vector::z()
+    }
+
     /// [`Self::pose_at`]'s origin.
     pub(crate) fn point_at(&self, depth_m: f64) -> Point {
         Point::from(self.pose_at(depth_m).translation.vector)

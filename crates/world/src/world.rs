@@ -306,9 +306,9 @@ impl State {
         self.world_from_phantom.inverse() * self.world_from_probe
     }
 
-    /// Depth along the path at which an unhindered tip is: the robot holds the needle, and a phantom that moves slides
-    /// along it.
-    fn hub_m(&self, model: &Model) -> f64 {
+    /// How far along its path in the phantom the tip would be if nothing stopped it: the robot holds the needle, and a
+    /// phantom that moves slides along it.
+    fn free_tip_m(&self, model: &Model) -> f64 {
         self.feed.depth_m - model.path.axis_at_entry().dot(&self.world_from_phantom.translation.vector)
     }
 
@@ -351,6 +351,7 @@ impl State {
         }
         self.world_from_probe =
             scenario.arm.world_from_base * self.arm.base_from_flange() * self.flange_from_probe;
+        self.pass_through(model);
         self.touch.step(&model.contact, &self.phantom_from_probe());
         if self.press.watch(self.touch.force_n) {
             let detail = format!(
@@ -398,7 +399,6 @@ impl State {
             self.feed.wanted_m_s = 0.0;
         }
         self.feed.step(&model.feed_limits);
-        self.pass_through(model);
         let depth_mm = self.feed.depth_m * 1e3;
         match (moved_before, self.feed.speed_m_s > 0.0) {
             (true, false) => {
@@ -416,7 +416,8 @@ impl State {
 
     /// What the tip meets: a face that it pierces, or more force than the needle robot takes.
     fn pass_through(&mut self, model: &Model) {
-        if self.passage.step(&model.resistance, self.hub_m(model)) {
+        let free_tip_m = self.free_tip_m(model);
+        if self.passage.step(&model.resistance, free_tip_m) {
             let depth_mm = self.passage.tip_m * 1e3;
             self.event(EventKind::Puncture, format!("the tip pierces a face at {depth_mm:.2} mm"));
         }
