@@ -40,7 +40,8 @@ pub(super) fn disturbances(
 fn kind(document: &Document, key: &str, entry: &RawDisturbance) -> Result<(DisturbanceKind, f64), LoadError> {
     let mut kinds = Vec::new();
     if let Some(knock) = &entry.probe_knock {
-        if [knock.elevation_mm, knock.lateral_mm, knock.yaw_deg, knock.tilt_deg].iter().all(|v| *v == 0.0) {
+        let parts = [knock.elevation_mm, knock.lateral_mm, knock.yaw_deg, knock.tilt_deg, knock.roll_deg];
+        if parts.iter().all(|part| *part == 0.0) {
             return Err(
                 document.fail(&format!("{key}.probe_knock"), "must move the probe; every part of it is 0")
             );
@@ -181,7 +182,7 @@ fn shift(document: &Document, key: &str, mm: [f64; 3]) -> Result<Vector, LoadErr
 fn slip(knock: &RawKnock) -> Pose {
     Pose::from_parts(
         Translation3::new(m(knock.lateral_mm), m(knock.elevation_mm), 0.0),
-        UnitQuaternion::from_euler_angles(rad(knock.tilt_deg), 0.0, rad(knock.yaw_deg)),
+        UnitQuaternion::from_euler_angles(rad(knock.tilt_deg), rad(knock.roll_deg), rad(knock.yaw_deg)),
     )
 }
 

@@ -185,6 +185,10 @@ pub(crate) struct RawKnock {
     #[serde(default)]
     #[garde(range(min = -30.0, max = 30.0))]
     pub tilt_deg: f64,
+    /// About elevation: the picture turns, and one end of the array lifts.
+    #[serde(default)]
+    #[garde(range(min = -30.0, max = 30.0))]
+    pub roll_deg: f64,
     /// How long the slip takes.
     #[serde(default = "default_knock_s")]
     #[garde(range(min = 0.001, max = 60.0))]
