@@ -17,7 +17,7 @@ pub(crate) use probe::{RawPrecision, RawProbe};
 pub(crate) use robot::{RawNeedleRobot, RawOpw, RawPose, RawRobot};
 pub(crate) use scenario::{RawCalibration, RawDelays, RawInsertion, RawPlacement, RawScenario, RawView};
 pub(crate) use settings::{
-    RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate,
-    RawWarp,
+    RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawSearchPattern, RawServo, RawSimilarity,
+    RawTracker, RawUpdate, RawWarp,
 };
 pub(crate) use timeline::{RawBound, RawDisturbance, RawKnock, RawNormal, RawRandomize};
