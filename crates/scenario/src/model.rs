@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use sonoloop_types::{
-    Acoustics, Limits, NeedleSpec, Point, Pose, ProbeSpec, ServoSettings, TrackerSettings, View,
+    Acoustics, Limits, NeedleSpec, Point, Pose, ProbeSpec, ServoSettings, TrackerSettings, Vector, View,
 };
 
 /// One experiment, resolved for one seed.
@@ -188,7 +188,7 @@ pub struct InsertionSpec {
     /// Entry on the phantom's top face, world frame.
     pub entry_in_world: Point,
     /// Unit direction of the needle, world frame (z < 0).
-    pub axis_in_world: sonoloop_types::Vector,
+    pub axis_in_world: Vector,
     /// Turn of the bevel about the needle's axis; 0 bends in the vertical plane of the needle.
     pub bevel_roll_rad: f64,
     /// Depth along the needle at the start.
@@ -296,6 +296,36 @@ pub enum DisturbanceKind {
     ImageDelay {
         /// New image delay.
         image_ticks: u64,
+    },
+    /// The phantom moves.
+    PhantomMoves(PhantomMotion),
+}
+
+/// How the phantom moves as a whole; vectors in the world frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PhantomMotion {
+    /// To and fro until the end of the run, ½(1 − cos) of the time.
+    Breathing {
+        /// From one end of a breath to the other.
+        reach_m: Vector,
+        /// One breath.
+        period_ticks: u64,
+        /// Where in a breath it begins; 0 is the end that all others lie along `reach_m` from.
+        phase_rad: f64,
+    },
+    /// Slowly aside.
+    Drift {
+        /// How fast.
+        velocity_m_s: Vector,
+        /// For how long.
+        duration_ticks: u64,
+    },
+    /// Aside, once.
+    Step {
+        /// How far.
+        shift_m: Vector,
+        /// How long it takes.
+        duration_ticks: u64,
     },
 }
 

@@ -160,6 +160,30 @@ fn scenario_cases() -> Vec<Case> {
             &["disturbances.0", "exactly one"],
         ),
         case(s, "elevation_mm: 3,", "elevation_mm: 0,", &["disturbances.0.probe_knock", "must move"]),
+        case(
+            s,
+            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            "breathing: {z_mm: 25, period_s: 4}",
+            &["disturbances.0.breathing.z_mm = 25", "at most 20"],
+        ),
+        case(
+            s,
+            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            "breathing: {z_mm: 2, period_s: 0.1}",
+            &["disturbances.0.breathing.period_s = 0.1", "at least 0.5"],
+        ),
+        case(
+            s,
+            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            "phantom_drift: {duration_s: 1}",
+            &["disturbances.0.phantom_drift", "must move the phantom"],
+        ),
+        case(
+            s,
+            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            "phantom_step: {x_mm: 1, duration_s: 38}",
+            &["disturbances.0.at_s = 3", "at most 2"],
+        ),
         case(s, "duration_s: 40", "duration_s: 3", &["disturbances.0.at_s", "at most 2.9", "duration_s = 3"]),
         // Randomize.
         case(

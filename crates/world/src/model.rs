@@ -32,8 +32,8 @@ pub(crate) struct Model {
     world_from_needle_base: Pose,
     /// True mount of the probe before any slip.
     pub flange_from_mounted_probe: Pose,
-    /// True target, phantom frame.
-    pub target_in_phantom: Point,
+    /// True target as a point of the resting phantom: pressed as at the start it lies on the needle's way.
+    pub target_at_rest: Point,
     /// Measured pose of the probe at the start.
     pub base_from_probe_at_start: Pose,
     /// The rest of what the tracker is told.
@@ -139,13 +139,15 @@ impl Model {
         let model = Self {
             tissue: phantom::tissue(&scenario.phantom),
             arm,
-            contact,
             path,
             needle_robot,
             feed_limits,
             world_from_needle_base,
             flange_from_mounted_probe,
-            target_in_phantom,
+            target_at_rest: contact
+                .indentation(&true_world_from_probe)
+                .map_or(target_in_phantom, |press| press.rest(target_in_phantom)),
+            contact,
             base_from_probe_at_start,
             entry_in_base: base_from_world * insertion.entry_in_world,
             needle_axis_in_base: base_from_world * insertion.axis_in_world,

@@ -64,6 +64,11 @@ impl Path {
         self.phantom_from_needle[index] * arc(curvature, rest_m)
     }
 
+    /// Direction of the needle where it enters.
+    pub(crate) fn axis_at_entry(&self) -> Vector {
+        self.phantom_from_needle[0].rotation * Vector::z()
+    }
+
     /// What the renderer sees with the tip at `depth_m`: the part of the shaft below the top face.
     pub(crate) fn seen_at(&self, depth_m: f64) -> NeedlePath {
         let tip = self.pose_at(depth_m);

@@ -1,8 +1,10 @@
 //! The disturbances of a scenario as functions of the tick.
 
 use nalgebra::UnitQuaternion;
-use sonoloop_scenario::{Disturbance, DisturbanceKind};
-use sonoloop_types::{Event, EventKind, Pose};
+use sonoloop_scenario::{Disturbance, DisturbanceKind, PhantomMotion};
+use sonoloop_types::{Event, EventKind, Pose, Vector};
+
+use crate::phantom_motion::{Motions, smooth};
 
 /// What the disturbances have changed by now.
 #[derive(Debug, Clone)]
@@ -21,6 +23,7 @@ pub(crate) struct Timeline {
     lift: Option<(f64, u64)>,
     /// First tick at which the tracker is back.
     tracker_back: Option<u64>,
+    phantom: Motions,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -41,6 +44,7 @@ impl Timeline {
             slips: Vec::new(),
             lift: None,
             tracker_back: None,
+            phantom: Motions::default(),
         }
     }
 
@@ -104,6 +108,15 @@ impl Timeline {
                 self.image_delay_ticks = image_ticks;
                 format!("image delay steps to {image_ticks} ms")
             }
+            DisturbanceKind::PhantomMoves(motion) => {
+                self.phantom.add(tick, motion);
+                let ([x, y, z], what): ([f64; 3], _) = match motion {
+                    PhantomMotion::Breathing { reach_m, .. } => ((reach_m * 1e3).into(), "mm to and fro"),
+                    PhantomMotion::Drift { velocity_m_s, .. } => ((velocity_m_s * 1e3).into(), "mm/s"),
+                    PhantomMotion::Step { shift_m, .. } => ((shift_m * 1e3).into(), "mm"),
+                };
+                format!("phantom moves by ({x:.2}, {y:.2}, {z:.2}) {what}")
+            }
         };
         Event { tick, kind: event_kind, detail }
     }
@@ -116,6 +129,11 @@ impl Timeline {
     /// Height to which the probe is being lifted.
     pub(crate) fn lift_m(&self) -> Option<f64> {
         self.lift.map(|(height_m, _)| height_m)
+    }
+
+    /// Where the phantom is, minus where it began, world frame.
+    pub(crate) fn phantom_shift_m(&self, tick: u64) -> Vector {
+        self.phantom.shift_m(tick)
     }
 
     /// All slips so far, in the order in which they began: probe as mounted from probe as it is.
@@ -132,12 +150,10 @@ impl Timeline {
 impl Slip {
     /// Part of the slip that is done: smooth, nothing at its first tick, all of it after its duration.
     fn at(&self, tick: u64) -> Pose {
-        let elapsed = tick.saturating_sub(self.start_tick);
-        if elapsed >= self.duration_ticks {
+        let share = smooth(tick.saturating_sub(self.start_tick), self.duration_ticks);
+        if share == 1.0 {
             return self.probe_from_slipped;
         }
-        let t = elapsed as f64 / self.duration_ticks as f64;
-        let share = t * t * (3.0 - 2.0 * t);
         Pose::from_parts(
             (self.probe_from_slipped.translation.vector * share).into(),
             UnitQuaternion::from_scaled_axis(self.probe_from_slipped.rotation.scaled_axis() * share),

@@ -9,7 +9,7 @@ use crate::needle::Path;
 /// Tip and picture at one instant.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sight {
-    pub tip_in_world: Point,
+    pub tip_in_phantom: Point,
     pub tip_in_probe: Point,
     /// Where a tracker should point.
     pub reference_px: [f64; 2],
@@ -19,19 +19,19 @@ pub(crate) struct Sight {
 
 /// Projects the tip, or in a transverse view finds where the needle's axis meets the plane. A needle that
 /// lies in the plane of a transverse view has no such point: its tip stands in.
-pub(crate) fn sight(scenario: &Scenario, path: &Path, probe_from_world: &Pose, depth_m: f64) -> Sight {
-    let tip_in_world = Point::from(path.pose_at(depth_m).translation.vector);
-    let tip_in_probe = probe_from_world * tip_in_world;
+pub(crate) fn sight(scenario: &Scenario, path: &Path, probe_from_phantom: &Pose, depth_m: f64) -> Sight {
+    let tip_in_phantom = Point::from(path.pose_at(depth_m).translation.vector);
+    let tip_in_probe = probe_from_phantom * tip_in_phantom;
     let geometry = &scenario.probe.geometry;
     let projected = (geometry.px_from_probe(&tip_in_probe), tip_in_probe.y);
     let (reference_px, plane_to_tip_m) = match scenario.view {
         View::Lateral => projected,
-        View::Transverse => path.crossing_m(probe_from_world, depth_m).map_or(projected, |crossing_m| {
+        View::Transverse => path.crossing_m(probe_from_phantom, depth_m).map_or(projected, |crossing_m| {
             let crossing = path.along_from(depth_m, crossing_m);
-            (geometry.px_from_probe(&(probe_from_world * crossing)), depth_m - crossing_m)
+            (geometry.px_from_probe(&(probe_from_phantom * crossing)), depth_m - crossing_m)
         }),
     };
-    Sight { tip_in_world, tip_in_probe, reference_px, plane_to_tip_m }
+    Sight { tip_in_phantom, tip_in_probe, reference_px, plane_to_tip_m }
 }
 
 /// Visible: the tip within half the −6 dB slice thickness of the plane, inside the picture and under the
@@ -39,7 +39,7 @@ pub(crate) fn sight(scenario: &Scenario, path: &Path, probe_from_world: &Pose, d
 pub(crate) fn visible(
     probe: &ProbeSpec,
     contact: &Contact,
-    world_from_probe: &Pose,
+    phantom_from_probe: &Pose,
     tip_in_probe: &Point,
 ) -> bool {
     let half_slice_m = probe.slice_thickness_m(tip_in_probe.z) / 2.0;
@@ -53,5 +53,5 @@ pub(crate) fn visible(
     (0..probe.elements)
         .map(|element| element_x_m(probe, element))
         .filter(|x| (x - tip_in_probe.x).abs() <= reach_m)
-        .all(|x| contact.gap_m(world_from_probe, x) == 0.0)
+        .all(|x| contact.gap_m(phantom_from_probe, x) == 0.0)
 }

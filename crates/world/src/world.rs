@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Pose, Refusal, Setup, Slice, Tissue,
-    Truth,
+    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Indentation, Point, Pose, Refusal,
+    Setup, Slice, Tissue, Truth, Vector,
 };
 
 use crate::WorldError;
@@ -49,6 +49,8 @@ struct State {
     flange_from_probe: Pose,
     /// True pose of the probe now.
     world_from_probe: Pose,
+    /// Where the phantom is now; it coincides with the world at tick 0, and shifts without turning.
+    world_from_phantom: Pose,
     /// Tick at which the last valid command took effect.
     last_command_tick: u64,
     /// Distance of the nearest pair within the margin at the last look.
@@ -85,6 +87,7 @@ impl World {
             inbox: Inbox::new(),
             flange_from_probe,
             world_from_probe,
+            world_from_phantom: Pose::identity(),
             last_command_tick: 0,
             nearest_m: None,
             stopped_at_m: None,
@@ -175,18 +178,16 @@ impl World {
 
     /// All that a picture taken now depends on.
     pub fn slice(&self, sequence: u64) -> Slice {
-        let state = &self.state;
+        let (state, model) = (&self.state, &*self.model);
+        let phantom_from_probe = state.phantom_from_probe();
+        let tip_m = state.tip_m(model);
         Slice {
             sequence,
-            // The phantom rests in the world.
-            phantom_from_probe: state.world_from_probe,
-            needle: (state.feed.depth_m > 0.0).then(|| self.model.path.seen_at(state.feed.depth_m)),
+            phantom_from_probe,
+            needle: (tip_m > 0.0).then(|| model.path.seen_at(tip_m)),
             needle_gain_db: state.timeline.needle_gain_db,
-            element_gap_m: self
-                .model
-                .contact
-                .element_gaps_m(&state.world_from_probe, &self.model.scenario.probe),
-            indentation: None,
+            element_gap_m: model.contact.element_gaps_m(&phantom_from_probe, &model.scenario.probe),
+            indentation: model.contact.indentation(&phantom_from_probe),
             gain_db: state.timeline.gain_db,
         }
     }
@@ -215,26 +216,27 @@ impl World {
     /// What really is the case now.
     pub fn truth(&self) -> Truth {
         let (state, model) = (&self.state, &*self.model);
-        let depth_m = state.feed.depth_m;
-        let probe_from_world = state.world_from_probe.inverse();
-        let sight = truth::sight(&model.scenario, &model.path, &probe_from_world, depth_m);
+        let phantom_from_probe = state.phantom_from_probe();
+        let probe_from_phantom = phantom_from_probe.inverse();
+        let sight = truth::sight(&model.scenario, &model.path, &probe_from_phantom, state.tip_m(model));
+        let target_in_phantom = pressed(model.contact.indentation(&phantom_from_probe), model.target_at_rest);
         Truth {
             tick: state.tick,
             world_from_probe: state.world_from_probe,
-            tip_in_world: sight.tip_in_world,
+            tip_in_world: state.world_from_phantom * sight.tip_in_phantom,
             tip_in_probe: sight.tip_in_probe,
             reference_px: sight.reference_px,
             plane_to_tip_m: sight.plane_to_tip_m,
             visible: truth::visible(
                 &model.scenario.probe,
                 &model.contact,
-                &state.world_from_probe,
+                &phantom_from_probe,
                 &sight.tip_in_probe,
             ),
-            depth_m,
+            depth_m: state.feed.depth_m,
             feed_m_s: state.feed.speed_m_s,
             contact_force_n: state.touch.force_n,
-            target_distance_m: (sight.tip_in_world - model.target_in_phantom).norm(),
+            target_distance_m: (sight.tip_in_phantom - target_in_phantom).norm(),
             min_joint_margin_rad: model.arm.chain.margin_rad(state.arm.angles_rad()),
             collision: state.nearest_m.is_some_and(|distance_m| distance_m <= 0.0),
         }
@@ -246,7 +248,22 @@ impl World {
     }
 }
 
+/// Where a point of the resting phantom is now.
+fn pressed(indentation: Option<Indentation>, rest: Point) -> Point {
+    rest + indentation.map_or_else(Vector::zeros, |press| press.displacement_m(rest))
+}
+
 impl State {
+    fn phantom_from_probe(&self) -> Pose {
+        self.world_from_phantom.inverse() * self.world_from_probe
+    }
+
+    /// How far along its path in the phantom the tip is: the robot holds the needle, and a phantom that moves slides along
+    /// it.
+    fn tip_m(&self, model: &Model) -> f64 {
+        self.feed.depth_m - model.path.axis_at_entry().dot(&self.world_from_phantom.translation.vector)
+    }
+
     fn event(&mut self, kind: EventKind, detail: impl Into<String>) {
         self.events.push(Event { tick: self.tick, kind, detail: detail.into() });
     }
@@ -284,7 +301,8 @@ impl State {
         }
         self.world_from_probe =
             scenario.arm.world_from_base * self.arm.base_from_flange() * self.flange_from_probe;
-        self.touch.step(&model.contact, &self.world_from_probe);
+        self.world_from_phantom.translation.vector = self.timeline.phantom_shift_m(self.tick);
+        self.touch.step(&model.contact, &self.phantom_from_probe());
         if self.press.watch(self.touch.force_n) {
             let detail = format!(
                 "contact force {:.1} N is above {:.1} N; the probe retreats",
@@ -346,7 +364,7 @@ impl State {
     fn control_arm(&mut self, model: &Model) {
         let input = PressInput {
             force_n: self.touch.force_n,
-            centre_indentation_m: model.contact.centre_indentation_m(&self.world_from_probe),
+            centre_indentation_m: model.contact.centre_indentation_m(&self.phantom_from_probe()),
             press_m: self.arm.press_m(),
             lift_m: self.timeline.lift_m(),
         };

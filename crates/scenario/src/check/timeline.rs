@@ -1,13 +1,13 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Translation3, UnitQuaternion};
-use sonoloop_types::Pose;
+use sonoloop_types::{Pose, Vector};
 
 use super::units::{m, rad, ticks, ticks_of_ms};
 use crate::document::Document;
 use crate::metrics::{METRICS, TRUTH_VALUED};
 use crate::raw::{RawBound, RawDisturbance, RawKnock};
-use crate::{Bound, Disturbance, DisturbanceKind, Expectation, LoadError};
+use crate::{Bound, Disturbance, DisturbanceKind, Expectation, LoadError, PhantomMotion};
 
 /// The timeline by ascending tick; what happens at one tick keeps the order of the file.
 pub(super) fn disturbances(
@@ -68,14 +68,45 @@ fn kind(document: &Document, key: &str, entry: &RawDisturbance) -> Result<(Distu
     if let Some(delay) = &entry.image_delay {
         kinds.push((DisturbanceKind::ImageDelay { image_ticks: ticks_of_ms(delay.image_ms) }, 0.0));
     }
+    if let Some(breath) = &entry.breathing {
+        let motion = PhantomMotion::Breathing {
+            reach_m: shift(document, &format!("{key}.breathing"), [breath.x_mm, breath.y_mm, breath.z_mm])?,
+            period_ticks: ticks(breath.period_s),
+            phase_rad: rad(breath.phase_deg),
+        };
+        kinds.push((DisturbanceKind::PhantomMoves(motion), 0.0));
+    }
+    if let Some(drift) = &entry.phantom_drift {
+        let speed = [drift.x_mm_s, drift.y_mm_s, drift.z_mm_s];
+        let motion = PhantomMotion::Drift {
+            velocity_m_s: shift(document, &format!("{key}.phantom_drift"), speed)?,
+            duration_ticks: ticks(drift.duration_s),
+        };
+        kinds.push((DisturbanceKind::PhantomMoves(motion), drift.duration_s));
+    }
+    if let Some(step) = &entry.phantom_step {
+        let motion = PhantomMotion::Step {
+            shift_m: shift(document, &format!("{key}.phantom_step"), [step.x_mm, step.y_mm, step.z_mm])?,
+            duration_ticks: ticks(step.duration_s),
+        };
+        kinds.push((DisturbanceKind::PhantomMoves(motion), step.duration_s));
+    }
     match kinds[..] {
         [one] => Ok(one),
         _ => Err(document.fail(
             &format!("{key}.at_s"),
             "must come with exactly one of the keys probe_knock, lift_off, gain_change, needle_brightness, \
-             tracker_killed, image_delay",
+             tracker_killed, image_delay, breathing, phantom_drift, phantom_step",
         )),
     }
+}
+
+/// Three values in millimetres (per second) in SI; a motion that moves nothing is a mistake.
+fn shift(document: &Document, key: &str, mm: [f64; 3]) -> Result<Vector, LoadError> {
+    if mm == [0.0; 3] {
+        return Err(document.fail(key, "must move the phantom; every part of it is 0"));
+    }
+    Ok(Vector::from(mm.map(m)))
 }
 
 /// The probe before the slip from the probe after it: y is elevational, z axial, x along the array.

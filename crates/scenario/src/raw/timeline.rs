@@ -36,6 +36,90 @@ pub(crate) struct RawDisturbance {
     #[serde(default)]
     #[garde(dive)]
     pub image_delay: Option<RawImageDelay>,
+    /// The phantom moves to and fro until the end of the run.
+    #[serde(default)]
+    #[garde(dive)]
+    pub breathing: Option<RawBreathing>,
+    /// The phantom moves slowly aside.
+    #[serde(default)]
+    #[garde(dive)]
+    pub phantom_drift: Option<RawDrift>,
+    /// The phantom moves aside, once.
+    #[serde(default)]
+    #[garde(dive)]
+    pub phantom_step: Option<RawStep>,
+}
+
+/// A breath: half of 1 − cos, along a direction of the world.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawBreathing {
+    /// From one end of a breath to the other, along x.
+    #[serde(default)]
+    #[garde(range(min = -20.0, max = 20.0))]
+    pub x_mm: f64,
+    /// The same along y.
+    #[serde(default)]
+    #[garde(range(min = -20.0, max = 20.0))]
+    pub y_mm: f64,
+    /// The same along z, up.
+    #[serde(default)]
+    #[garde(range(min = -20.0, max = 20.0))]
+    pub z_mm: f64,
+    /// One breath.
+    #[garde(range(min = 0.5, max = 60.0))]
+    pub period_s: f64,
+    /// Where in a breath it begins: 0 and 180 are its ends.
+    #[serde(default)]
+    #[garde(range(min = -360.0, max = 360.0))]
+    pub phase_deg: f64,
+}
+
+/// A slow motion of the phantom, world frame.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawDrift {
+    /// Along x.
+    #[serde(default)]
+    #[garde(range(min = -10.0, max = 10.0))]
+    pub x_mm_s: f64,
+    /// Along y.
+    #[serde(default)]
+    #[garde(range(min = -10.0, max = 10.0))]
+    pub y_mm_s: f64,
+    /// Along z, up.
+    #[serde(default)]
+    #[garde(range(min = -10.0, max = 10.0))]
+    pub z_mm_s: f64,
+    /// How long it goes on.
+    #[garde(range(min = 0.001, max = 3600.0))]
+    pub duration_s: f64,
+}
+
+/// A step of the phantom, world frame.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawStep {
+    /// Along x.
+    #[serde(default)]
+    #[garde(range(min = -20.0, max = 20.0))]
+    pub x_mm: f64,
+    /// Along y.
+    #[serde(default)]
+    #[garde(range(min = -20.0, max = 20.0))]
+    pub y_mm: f64,
+    /// Along z, up.
+    #[serde(default)]
+    #[garde(range(min = -20.0, max = 20.0))]
+    pub z_mm: f64,
+    /// How long it takes.
+    #[serde(default = "default_step_s")]
+    #[garde(range(min = 0.001, max = 60.0))]
+    pub duration_s: f64,
+}
+
+fn default_step_s() -> f64 {
+    0.3
 }
 
 /// How the probe slips, in its own frame.
