@@ -83,6 +83,7 @@ impl Scene {
             needle_gain_db: 0.0,
             element_gap_m: vec![0.0; self.elements],
             indentation: (self.press_m > 0.0).then_some(indentation),
+            drag: None,
             gain_db: 0.0,
         };
         self.sequence += 1;

@@ -1,4 +1,4 @@
-use crate::{Indentation, NeedlePath, Pose};
+use crate::{Drag, Indentation, NeedlePath, Pose};
 
 /// All that an image depends on at one instant: what the world hands to the renderer.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,6 +16,9 @@ pub struct Slice {
     /// How the tissue is pressed; `None` at rest, as is a press that tissue cannot follow
     /// ([`Indentation::is_sound`]). The needle is where its path says, pressed or not.
     pub indentation: Option<Indentation>,
+    /// How the needle's tip carries tissue along; `None` when it does not. The needle is where its path says, drag or not.
+    /// Not drawn yet.
+    pub drag: Option<Drag>,
     /// Receiver gain on top of the probe's own; a disturbance or the user's knob.
     pub gain_db: f64,
 }

@@ -188,6 +188,7 @@ impl World {
             needle_gain_db: state.timeline.needle_gain_db,
             element_gap_m: model.contact.element_gaps_m(&phantom_from_probe, &model.scenario.probe),
             indentation: model.contact.indentation(&phantom_from_probe),
+            drag: None,
             gain_db: state.timeline.gain_db,
         }
     }

@@ -72,6 +72,7 @@ impl View {
             needle_gain_db: 0.0,
             element_gap_m: (0..probe.elements).map(gap_m).collect(),
             indentation: None,
+            drag: None,
             gain_db: self.gain_db,
         }
     }

@@ -89,6 +89,7 @@ pub fn slice(phantom_from_probe: Pose) -> Slice {
         needle_gain_db: 0.0,
         element_gap_m: vec![0.0; 192],
         indentation: None,
+        drag: None,
         gain_db: 0.0,
     }
 }
