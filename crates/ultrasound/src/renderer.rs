@@ -25,6 +25,7 @@ use crate::{
     splat::{Grid, Sources},
     stamp::{self, Layout, Stamps},
     tape::BakedTape,
+    warp::Press,
 };
 
 /// Display rows per task; fixed, so that results do not depend on the number of threads.
@@ -351,13 +352,13 @@ impl Renderer {
             lattice,
             &geometry,
             -first_x_m + margin_m,
-            motion.map_or(0.0, Motion::aside_m),
+            motion,
             tissue.half(),
         );
         let shear = shear.as_ref();
         if let Some(shear) = shear {
             elevation.build(instructions, beam, shear, lattice.amplitude());
-            tape.bake(instructions, beam, shear.row_step_m, shear.lateral_slope, shear.rows);
+            tape.bake(instructions, beam, shear);
             let (scattering, mirroring) =
                 (points::slab(elevation, motion), boundary::slab(lattice, shear, motion));
             for iy in shear.rows_across() {
@@ -366,6 +367,11 @@ impl Renderer {
             }
         }
         let Self { jobs, points, grid, echoes, paths, .. } = self;
+        if let (Some(shear), Some(motion)) = (shear, motion) {
+            let press = Press { beam, lattice, phantom_from_probe: &slice.phantom_from_probe, motion };
+            let classes = points.lay(&press, shear, elevation);
+            tape.strain(instructions, beam, classes);
+        }
         let (tape, elevation, tissue, pose) = (&*tape, &*elevation, &*tissue, &slice.phantom_from_probe);
         // The grid's tasks are there for whoever is done first.
         rayon::join(
