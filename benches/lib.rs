@@ -58,6 +58,13 @@ impl Scene {
         }
     }
 
+    /// Moves the needle sideways.
+    pub fn move_needle(&mut self, by_m: f64) {
+        for point in self.needle.iter_mut().flat_map(|needle| &mut needle.centreline_in_phantom) {
+            point.y += by_m;
+        }
+    }
+
     /// Renders the next image from a pose.
     pub fn render(&mut self, phantom_from_probe: Pose) -> &Image {
         let at = phantom_from_probe.translation.vector;
