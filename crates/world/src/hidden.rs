@@ -13,7 +13,7 @@ use sonoloop_types::{Pose, Vector};
 
 /// One stream of the generator per purpose: a draw added to one purpose moves no other.
 #[derive(Clone, Copy)]
-enum Stream {
+pub(crate) enum Stream {
     NeedleEntry = 0x5757_0001,
     NeedleAxis,
     Mount,
@@ -22,6 +22,8 @@ enum Stream {
     Force,
     RobotToRobot,
     Encoders,
+    Hand,
+    Reaction,
 }
 
 /// Random words set aside for an image: a truncated draw takes two, seldom four.
@@ -92,7 +94,7 @@ pub(crate) fn force_noise_n(seed: u64, sequence: u64, sigma_n: f64) -> f64 {
     scalar(&mut rng, sigma_n)
 }
 
-fn generator(seed: u64, stream: Stream) -> ChaCha8Rng {
+pub(crate) fn generator(seed: u64, stream: Stream) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(stream as u64);
     rng
