@@ -190,8 +190,11 @@ impl Session {
             let truth = self.world.truth();
             recording.ticks.push(TickRow::from(&truth));
             recording.events.extend(self.world.drain_events());
-            let moving = truth.feed_m_s > 0.0;
-            was_fed |= moving;
+            // A hand that pauses on its way has not come to rest: it has been asked to go on.
+            let pausing = self.scenario.insertion.hand.is_some()
+                && recording.images.last().and_then(|row| row.command).is_some_and(|c| c.feed_m_s > 0.0);
+            let moving = truth.feed_m_s > 0.0 || pausing;
+            was_fed |= truth.feed_m_s > 0.0;
             rest_ticks = if moving { 0 } else { rest_ticks + 1 };
             if was_fed
                 && rest_ticks >= REST_TICKS

@@ -32,8 +32,8 @@ pub use load::{
 };
 pub use metrics::METRICS;
 pub use model::{
-    ArmSpec, Bound, CalibrationSpec, DelaySpec, Disturbance, DisturbanceKind, Expectation, Inclusion,
-    InsertionSpec, Material, NeedleRobotSpec, OpwSpec, PassageSpec, PhantomMotion, PhantomSpec,
+    ArmSpec, Bound, CalibrationSpec, DelaySpec, Disturbance, DisturbanceKind, Expectation, HandSpec,
+    Inclusion, InsertionSpec, Material, NeedleRobotSpec, OpwSpec, PassageSpec, PhantomMotion, PhantomSpec,
     PlacementSpec, Scenario, Shape,
 };
 pub use schema::{FileKind, schema};

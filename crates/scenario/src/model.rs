@@ -232,6 +232,25 @@ pub struct InsertionSpec {
     pub target_depth_m: f64,
     /// Success: the tip ends within this distance of the target.
     pub target_tolerance_m: f64,
+    /// The hand that inserts the needle, where the needle robot does not.
+    pub hand: Option<HandSpec>,
+}
+
+/// A hand that inserts the needle. Pairs are least and largest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandSpec {
+    /// Speed while it pushes.
+    pub speed_m_s: [f64; 2],
+    /// Time that it pushes between two pauses.
+    pub pause_every_s: [f64; 2],
+    /// Length of a pause.
+    pub pause_s: [f64; 2],
+    /// Amplitude of the tremor at the hub, along each axis across the needle.
+    pub tremor_m: f64,
+    /// Amplitude of the slow swings at the hub, likewise.
+    pub swing_m: f64,
+    /// Time from a cue to its effect.
+    pub reaction_ticks: [u64; 2],
 }
 
 /// How the operator has placed the probe.

@@ -303,6 +303,31 @@ fn scenario_cases() -> Vec<Case> {
             &["expect.coverage.least", "unknown field"],
         ),
         case(s, "coverage: {min: 0.9}", "coverage: 0.9", &["expect.coverage = 0.9", "{min: …, max: …}"]),
+        // A hand.
+        case(
+            s,
+            "target_tolerance_mm: 2",
+            "target_tolerance_mm: 2\n  manual: {tremor_mm: 9}",
+            &["insertion.manual.tremor_mm = 9", "at most 5"],
+        ),
+        case(
+            s,
+            "target_tolerance_mm: 2",
+            "target_tolerance_mm: 2\n  manual: {speed_mm_s: [14, 6]}",
+            &["insertion.manual.speed_mm_s = [14, 6]", "low ≤ high"],
+        ),
+        case(
+            s,
+            "target_tolerance_mm: 2",
+            "target_tolerance_mm: 2\n  manual: {reaction_ms: [300, 9000]}",
+            &["insertion.manual.reaction_ms.1 = 9000", "at most 5000"],
+        ),
+        case(
+            s,
+            "target_tolerance_mm: 2",
+            "target_tolerance_mm: 2\n  manual: {feed_mm_s: 3}",
+            &["insertion.manual.feed_mm_s", "unknown field"],
+        ),
         // Named files.
         case(
             s,

@@ -3,8 +3,8 @@
 
 use nalgebra::UnitQuaternion;
 use sonoloop_scenario::{
-    ArmSpec, CalibrationSpec, DelaySpec, InsertionSpec, Material, NeedleRobotSpec, OpwSpec, PassageSpec,
-    PhantomSpec, PlacementSpec, Scenario,
+    ArmSpec, CalibrationSpec, DelaySpec, HandSpec, InsertionSpec, Material, NeedleRobotSpec, OpwSpec,
+    PassageSpec, PhantomSpec, PlacementSpec, Scenario,
 };
 use sonoloop_types::{
     Acoustics, Effects, ElevationSample, ImageGeometry, Limits, NeedleSpec, Point, Pose, Precision,
@@ -153,6 +153,17 @@ pub fn needle_robot() -> NeedleRobotSpec {
     }
 }
 
+pub fn hand() -> HandSpec {
+    HandSpec {
+        speed_m_s: [6e-3, 14e-3],
+        pause_every_s: [1.5, 4.0],
+        pause_s: [0.2, 0.8],
+        tremor_m: 2e-4,
+        swing_m: 1e-3,
+        reaction_ticks: [300, 600],
+    }
+}
+
 pub fn passage() -> PassageSpec {
     PassageSpec {
         friction_n_m: 6.0,
@@ -235,6 +246,7 @@ pub fn scenario() -> Scenario {
             start_depth_m: 0.02,
             target_depth_m: 0.055,
             target_tolerance_m: 2e-3,
+            hand: None,
         },
         placement: placement(),
         calibration: calibration(),

@@ -13,7 +13,7 @@ use sonoloop_types::{Pose, Vector};
 
 /// One stream of the generator per purpose: a draw added to one purpose moves no other.
 #[derive(Clone, Copy)]
-enum Stream {
+pub(crate) enum Stream {
     NeedleEntry = 0x5757_0001,
     NeedleAxis,
     Mount,
@@ -24,6 +24,8 @@ enum Stream {
     Encoders,
     Drops,
     Garbage,
+    Hand,
+    Reaction,
 }
 
 /// Random words set aside for an image: a truncated draw takes two, seldom four.
@@ -111,7 +113,7 @@ pub(crate) fn garbage_words(seed: u64, sequence: u64) -> GarbageWords {
     std::array::from_fn(|_| StandardUniform.sample(&mut rng))
 }
 
-fn generator(seed: u64, stream: Stream) -> ChaCha8Rng {
+pub(crate) fn generator(seed: u64, stream: Stream) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(stream as u64);
     rng

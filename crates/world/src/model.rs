@@ -7,6 +7,7 @@ use crate::WorldError;
 use crate::arm::{Arm, ArmModel};
 use crate::chain::Joints;
 use crate::contact::Contact;
+use crate::hand::{self, Hand};
 use crate::hidden::{Hidden, encoder_noise};
 use crate::needle_feed::FeedLimits;
 use crate::needle_force::Resistance;
@@ -29,6 +30,8 @@ pub(crate) struct Model {
     pub path: Path,
     pub resistance: Resistance,
     pub needle_robot: NeedleRobot,
+    /// Inserts the needle in the robot's place.
+    pub hand: Option<Hand>,
     /// What scenario, needle and the needle robot's joints leave of the feed.
     pub feed_limits: FeedLimits,
     /// Where the needle robot really stands.
@@ -64,20 +67,34 @@ impl Model {
             needle_base_from_world * insertion.entry_in_world,
             needle_base_from_world * insertion.axis_in_world,
         )?;
-        let max_depth_m = robot_spec.max_depth_m.min(scenario.needle.length_m);
+        let hand = insertion
+            .hand
+            .map(|spec| Hand::draw(scenario.seed, &spec, scenario.servo.feed_m_s, scenario.duration_ticks));
+        let max_depth_m = match hand {
+            Some(_) => scenario.needle.length_m,
+            None => robot_spec.max_depth_m.min(scenario.needle.length_m),
+        };
         if insertion.target_depth_m > max_depth_m {
             return Err(WorldError::TargetTooDeep {
                 depth_mm: insertion.target_depth_m * 1e3,
                 max_mm: max_depth_m * 1e3,
             });
         }
-        for depth_m in [insertion.start_depth_m, insertion.target_depth_m] {
-            needle_robot.check(depth_m)?;
-        }
-        let feed_limits = FeedLimits {
-            max_feed_m_s: robot_spec.max_feed_m_s.min(needle_robot.max_feed_m_s()),
-            max_acceleration_m_s2: robot_spec.max_acceleration_m_s2,
-            max_depth_m: max_depth_m.min(needle_robot.max_depth_m()),
+        let feed_limits = if let Some(hand) = &hand {
+            FeedLimits {
+                max_feed_m_s: hand.max_speed_m_s(),
+                max_acceleration_m_s2: hand::MAX_ACCELERATION_M_S2,
+                max_depth_m,
+            }
+        } else {
+            for depth_m in [insertion.start_depth_m, insertion.target_depth_m] {
+                needle_robot.check(depth_m)?;
+            }
+            FeedLimits {
+                max_feed_m_s: robot_spec.max_feed_m_s.min(needle_robot.max_feed_m_s()),
+                max_acceleration_m_s2: robot_spec.max_acceleration_m_s2,
+                max_depth_m: max_depth_m.min(needle_robot.max_depth_m()),
+            }
         };
         // World and phantom coincide while the phantom rests.
         let (entry_in_world, axis_in_world) = displaced(
@@ -147,6 +164,7 @@ impl Model {
             resistance: Resistance::new(&path, &anatomy, scenario.needle.outer_diameter_m),
             path,
             needle_robot,
+            hand,
             feed_limits,
             world_from_needle_base,
             flange_from_mounted_probe,
@@ -162,6 +180,19 @@ impl Model {
             scenario: scenario.clone(),
         };
         Ok((model, arm_at_rest, scene))
+    }
+
+    /// Needle as it sways in a hand from needle at rest, phantom frame; nothing in the robot's grip.
+    pub(crate) fn sway(&self, tick: u64, depth_m: f64) -> Pose {
+        self.hand.as_ref().map_or_else(Pose::identity, |hand| {
+            let lever_m = self.scenario.needle.length_m - depth_m;
+            hand.sway(tick, &self.path.point_at(0.0), &self.path.axis_at_entry(), lever_m)
+        })
+    }
+
+    /// Force on the needle at which whoever holds it stops for good.
+    pub(crate) fn max_needle_force_n(&self) -> f64 {
+        if self.hand.is_some() { hand::MAX_FORCE_N } else { self.scenario.needle_robot.max_force_n }
     }
 
     /// Links of the needle robot with the tip at a depth, world frame.

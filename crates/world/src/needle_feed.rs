@@ -1,13 +1,13 @@
-//! How fast the needle robot feeds the needle.
+//! How fast the needle is fed.
 
 use sonoloop_types::TICKS_PER_SECOND;
 
-/// Feed of the needle robot: depth and speed along the path.
+/// Depth and speed along the path, as the hub stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Feed {
     pub depth_m: f64,
     pub speed_m_s: f64,
-    /// Speed last asked for, already 0 when the robot stopped by itself.
+    /// Speed that whoever feeds it wants.
     pub wanted_m_s: f64,
 }
 

@@ -111,7 +111,9 @@ impl Scene {
             links: &needle_robot.links(),
             spans: &needle_robot.spans(),
         };
-        for (carrier, shape, pose) in needle.shapes() {
+        // Where a hand inserts the needle its robot stands aside, and out of everybody's way.
+        let shapes = if scenario.insertion.hand.is_some() { Vec::new() } else { needle.shapes() };
+        for (carrier, shape, pose) in shapes {
             match carrier {
                 0 => insert(shape, NEEDLE_BASE, fixed, &(world_from_needle_base * pose)),
                 _ => insert(shape, NEEDLE_ROBOT, needle_moving[carrier - 1], &pose),

@@ -10,7 +10,8 @@ use crate::timeline::Timeline;
 /// Tip and picture at one instant.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sight {
-    pub tip_in_phantom: Point,
+    /// In the frame of the path, which is the phantom's unless the needle sways.
+    pub tip_on_path: Point,
     pub tip_in_probe: Point,
     /// Where a tracker should point.
     pub reference_px: [f64; 2],
@@ -20,19 +21,19 @@ pub(crate) struct Sight {
 
 /// Projects the tip, or in a transverse view finds where the needle's axis meets the plane. A needle that
 /// lies in the plane of a transverse view has no such point: its tip stands in.
-pub(crate) fn sight(scenario: &Scenario, path: &Path, probe_from_phantom: &Pose, depth_m: f64) -> Sight {
-    let tip_in_phantom = Point::from(path.pose_at(depth_m).translation.vector);
-    let tip_in_probe = probe_from_phantom * tip_in_phantom;
+pub(crate) fn sight(scenario: &Scenario, path: &Path, probe_from_path: &Pose, depth_m: f64) -> Sight {
+    let tip_on_path = Point::from(path.pose_at(depth_m).translation.vector);
+    let tip_in_probe = probe_from_path * tip_on_path;
     let geometry = &scenario.probe.geometry;
     let projected = (geometry.px_from_probe(&tip_in_probe), tip_in_probe.y);
     let (reference_px, plane_to_tip_m) = match scenario.view {
         View::Lateral => projected,
-        View::Transverse => path.crossing_m(probe_from_phantom, depth_m).map_or(projected, |crossing_m| {
+        View::Transverse => path.crossing_m(probe_from_path, depth_m).map_or(projected, |crossing_m| {
             let crossing = path.along_from(depth_m, crossing_m);
-            (geometry.px_from_probe(&(probe_from_phantom * crossing)), depth_m - crossing_m)
+            (geometry.px_from_probe(&(probe_from_path * crossing)), depth_m - crossing_m)
         }),
     };
-    Sight { tip_in_phantom, tip_in_probe, reference_px, plane_to_tip_m }
+    Sight { tip_on_path, tip_in_probe, reference_px, plane_to_tip_m }
 }
 
 /// Visible: the tip within half the −6 dB slice thickness of the plane, inside the picture and under the array, and as much

@@ -4,13 +4,14 @@ use std::sync::Arc;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Pose, Refusal, Setup, Slice, Tissue,
-    Truth, Vector,
+    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Indentation, NeedlePath, Point, Pose,
+    Refusal, Setup, Slice, Tissue, Truth, Vector,
 };
 
 use crate::WorldError;
 use crate::arm::{Arm, CONTROL_TICKS};
 use crate::contact::{Touch, element_x_m};
+use crate::hand::Attention;
 use crate::hidden::{GarbageWords, force_noise_n, garbage_words, uniform_for_drop};
 use crate::inbox::{Bounds, Inbox};
 use crate::model::Model;
@@ -42,6 +43,9 @@ struct State {
     tick: u64,
     arm: Arm,
     feed: Feed,
+    /// Feed last asked for; 0 when nobody asked for too long.
+    asked_m_s: f64,
+    attention: Attention,
     passage: Passage,
     touch: Touch,
     press: Press,
@@ -86,6 +90,8 @@ impl World {
             tick: 0,
             arm,
             feed: Feed::at_rest(start_m),
+            asked_m_s: 0.0,
+            attention: Attention::default(),
             passage: Passage::at_rest(&model.resistance, start_m),
             touch: Touch::resting(&model.contact, &world_from_probe),
             press,
@@ -211,7 +217,10 @@ impl World {
         Slice {
             sequence,
             phantom_from_probe,
-            needle: (state.passage.tip_m > 0.0).then(|| model.path.seen_at(state.passage.tip_m)),
+            needle: (state.passage.tip_m > 0.0).then(|| {
+                let sway = model.sway(state.tick, state.passage.tip_m);
+                swaying(model.path.seen_at(state.passage.tip_m), &sway)
+            }),
             needle_gain_db: state.timeline.needle_gain_db,
             element_gap_m: self.element_gaps_m(&phantom_from_probe),
             element_loss_db: self.element_losses_db(),
@@ -251,8 +260,8 @@ impl World {
             publication_tick: state.tick + state.timeline.image_delay_ticks,
             pose_tick: state.tick,
             base_from_probe,
-            depth_m: Some(depth_m),
-            feed_m_s: Some(state.feed.speed_m_s),
+            depth_m: self.model.hand.is_none().then_some(depth_m),
+            feed_m_s: self.model.hand.is_none().then_some(state.feed.speed_m_s),
             contact_force_n: state.touch.force_n
                 + force_noise_n(scenario.seed, sequence, scenario.calibration.force_sigma_n),
             arm_status: state.arm.status(),
@@ -264,17 +273,17 @@ impl World {
     pub fn truth(&self) -> Truth {
         let (state, model) = (&self.state, &*self.model);
         let phantom_from_probe = state.phantom_from_probe();
-        let probe_from_phantom = phantom_from_probe.inverse();
-        let sight = truth::sight(&model.scenario, &model.path, &probe_from_phantom, state.passage.tip_m);
-        let press = model.contact.indentation(&phantom_from_probe);
-        let drag = state.passage.drag(&model.path);
-        let target_in_phantom = model.target_at_rest
-            + press.map_or_else(Vector::zeros, |press| press.displacement_m(model.target_at_rest))
-            + drag.map_or_else(Vector::zeros, |drag| drag.displacement_m(model.target_at_rest));
+        let sway = model.sway(state.tick, state.passage.tip_m);
+        let probe_from_path = phantom_from_probe.inverse() * sway;
+        let sight = truth::sight(&model.scenario, &model.path, &probe_from_path, state.passage.tip_m);
+        let tip_in_phantom = sway * sight.tip_on_path;
+        let dragged_m = state.passage.drag(&model.path).map(|drag| drag.displacement_m(model.target_at_rest));
+        let target_in_phantom = pressed(model.contact.indentation(&phantom_from_probe), model.target_at_rest)
+            + dragged_m.unwrap_or_default();
         Truth {
             tick: state.tick,
             world_from_probe: state.world_from_probe,
-            tip_in_world: state.world_from_phantom * sight.tip_in_phantom,
+            tip_in_world: state.world_from_phantom * tip_in_phantom,
             tip_in_probe: sight.tip_in_probe,
             reference_px: sight.reference_px,
             plane_to_tip_m: sight.plane_to_tip_m,
@@ -289,7 +298,7 @@ impl World {
             feed_m_s: state.feed.speed_m_s,
             contact_force_n: state.touch.force_n,
             needle_force_n: model.resistance.force_n(&state.passage),
-            target_distance_m: (sight.tip_in_phantom - target_in_phantom).norm(),
+            target_distance_m: (tip_in_phantom - target_in_phantom).norm(),
             min_joint_margin_rad: model.arm.chain.margin_rad(state.arm.angles_rad()),
             collision: state.nearest_m.is_some_and(|distance_m| distance_m <= 0.0),
         }
@@ -299,6 +308,20 @@ impl World {
     pub fn joint_angles_rad(&self) -> [f64; 6] {
         *self.state.arm.angles_rad()
     }
+}
+
+/// The needle turned about its entry.
+fn swaying(needle: NeedlePath, sway: &Pose) -> NeedlePath {
+    NeedlePath {
+        centreline_in_phantom: needle.centreline_in_phantom.iter().map(|point| sway * point).collect(),
+        axis_in_phantom: sway * needle.axis_in_phantom,
+        bevel_normal_in_phantom: sway * needle.bevel_normal_in_phantom,
+    }
+}
+
+/// Where a point of the resting phantom is now.
+fn pressed(indentation: Option<Indentation>, rest: Point) -> Point {
+    rest + indentation.map_or_else(Vector::zeros, |press| press.displacement_m(rest))
 }
 
 impl State {
@@ -364,7 +387,7 @@ impl State {
 
     fn obey(&mut self, model: &Model, command: &Command) {
         self.last_command_tick = self.tick;
-        self.feed.wanted_m_s = command.feed_m_s;
+        self.asked_m_s = command.feed_m_s;
         let Some(target) = &command.target_base_from_probe else {
             self.arm.keep_target();
             return;
@@ -385,8 +408,8 @@ impl State {
         if self.tick - self.last_command_tick < watchdog_ticks {
             return;
         }
-        if self.feed.wanted_m_s > 0.0 {
-            self.feed.wanted_m_s = 0.0;
+        if self.asked_m_s > 0.0 {
+            self.asked_m_s = 0.0;
             let detail = format!("no valid command for {watchdog_ticks} ms; the needle stops, the arm holds");
             self.event(EventKind::Watchdog, detail);
         }
@@ -395,9 +418,14 @@ impl State {
 
     fn feed_needle(&mut self, model: &Model) {
         let moved_before = self.feed.speed_m_s > 0.0;
-        if self.needle_blocked || self.needle_overloaded {
-            self.feed.wanted_m_s = 0.0;
+        if self.needle_blocked {
+            self.asked_m_s = 0.0;
         }
+        let wanted_m_s = match &model.hand {
+            Some(hand) => self.attention.speed_m_s(hand, self.tick, self.asked_m_s),
+            None => self.asked_m_s,
+        };
+        self.feed.wanted_m_s = if self.needle_overloaded { 0.0 } else { wanted_m_s };
         self.feed.step(&model.feed_limits);
         let depth_mm = self.feed.depth_m * 1e3;
         match (moved_before, self.feed.speed_m_s > 0.0) {
@@ -422,7 +450,7 @@ impl State {
             self.event(EventKind::Puncture, format!("the tip pierces a face at {depth_mm:.2} mm"));
         }
         let force_n = model.resistance.force_n(&self.passage);
-        let max_force_n = model.scenario.needle_robot.max_force_n;
+        let max_force_n = model.max_needle_force_n();
         if force_n > max_force_n && !self.needle_overloaded {
             self.needle_overloaded = true;
             let detail = format!(

@@ -42,8 +42,13 @@ impl Facts {
     }
 }
 
-/// The contract's: the delay of the command, one image, and the needle robot's deceleration from its fastest feed.
+/// The contract's: the delay of the command, one image, and the needle robot's deceleration from its fastest feed; with a
+/// hand its slowest reaction and half a second, in which it has long come to rest.
 fn stop_bound_s(scenario: &Scenario) -> f64 {
+    if let Some(hand) = scenario.insertion.hand {
+        let ticks = scenario.delays.command_ticks + STOP_TICKS + hand.reaction_ticks[1];
+        return ticks as f64 / TICKS_PER_SECOND as f64 + 0.5;
+    }
     let robot = &scenario.needle_robot;
     let ticks = scenario.delays.command_ticks + STOP_TICKS;
     ticks as f64 / TICKS_PER_SECOND as f64 + robot.max_feed_m_s / robot.max_acceleration_m_s2

@@ -77,6 +77,7 @@ pub(crate) fn scenario(geometry: ImageGeometry) -> Scenario {
             bevel_roll_rad: 0.0,
             start_depth_m: 0.015,
             target_depth_m: 0.055,
+            hand: None,
             target_tolerance_m: 2e-3,
         },
         placement: PlacementSpec {

@@ -1,9 +1,9 @@
 use sonoloop_types::{ImageGeometry, NeedleSpec, Point, Vector};
 
-use super::units::{m, rad};
+use super::units::{m, rad, ticks_of_ms};
 use crate::document::Document;
-use crate::raw::{RawInsertion, RawPlacement};
-use crate::{InsertionSpec, LoadError, NeedleRobotSpec, PhantomSpec, PlacementSpec};
+use crate::raw::{RawInsertion, RawManual, RawPlacement};
+use crate::{HandSpec, InsertionSpec, LoadError, NeedleRobotSpec, PhantomSpec, PlacementSpec};
 
 /// The needle's nominal course: from the phantom's top face to a target inside phantom, picture and reach.
 pub(super) fn insertion(
@@ -30,6 +30,10 @@ pub(super) fn insertion(
         (needle.length_m, format!("the length of {}", needle.name)),
         (robot.max_depth_m, format!("the deepest insertion of {}", robot.name)),
     ] {
+        let robots = limit_m == robot.max_depth_m && limit_m != needle.length_m;
+        if robots && raw.manual.is_some() {
+            continue;
+        }
         if m(raw.target_depth_mm) > limit_m {
             return fail("target_depth_mm", format!("must be at most {}, {what}", limit_m * 1000.0));
         }
@@ -69,6 +73,31 @@ pub(super) fn insertion(
         start_depth_m: m(raw.start_depth_mm),
         target_depth_m: m(raw.target_depth_mm),
         target_tolerance_m: m(raw.target_tolerance_mm),
+        hand: raw.manual.as_ref().map(|raw| hand(document, raw)).transpose()?,
+    })
+}
+
+fn hand(document: &Document, raw: &RawManual) -> Result<HandSpec, LoadError> {
+    let [least_ms, most_ms] = raw.reaction_ms;
+    for (key, ascends) in [
+        ("speed_mm_s", raw.speed_mm_s[0] <= raw.speed_mm_s[1]),
+        ("pause_every_s", raw.pause_every_s[0] <= raw.pause_every_s[1]),
+        ("pause_s", raw.pause_s[0] <= raw.pause_s[1]),
+        ("reaction_ms", least_ms <= most_ms),
+    ] {
+        if !ascends {
+            return Err(
+                document.fail(&format!("insertion.manual.{key}"), "must be [low, high] with low ≤ high")
+            );
+        }
+    }
+    Ok(HandSpec {
+        speed_m_s: raw.speed_mm_s.map(m),
+        pause_every_s: raw.pause_every_s,
+        pause_s: raw.pause_s,
+        tremor_m: m(raw.tremor_mm),
+        swing_m: m(raw.swing_mm),
+        reaction_ticks: raw.reaction_ms.map(ticks_of_ms),
     })
 }
 

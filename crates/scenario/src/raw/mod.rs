@@ -15,7 +15,9 @@ pub(crate) use needle::RawNeedle;
 pub(crate) use phantom::{RawInclusion, RawMaterial, RawMaterials, RawPassage, RawPhantom};
 pub(crate) use probe::{RawPrecision, RawProbe};
 pub(crate) use robot::{RawNeedleRobot, RawOpw, RawPose, RawRobot};
-pub(crate) use scenario::{RawCalibration, RawDelays, RawInsertion, RawPlacement, RawScenario, RawView};
+pub(crate) use scenario::{
+    RawCalibration, RawDelays, RawInsertion, RawManual, RawPlacement, RawScenario, RawView,
+};
 pub(crate) use settings::{
     RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawSearchPattern, RawServo, RawSimilarity,
     RawTracker, RawUpdate, RawWarp,

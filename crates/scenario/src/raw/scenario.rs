@@ -126,6 +126,48 @@ pub(crate) struct RawInsertion {
     #[serde(default = "default_tolerance")]
     #[garde(range(min = 0.01, max = 50.0))]
     pub target_tolerance_mm: f64,
+    /// A hand inserts the needle; the needle robot stands aside. There is no measured depth and no feed: go, slower and stop
+    /// are cues.
+    #[serde(default)]
+    #[garde(dive)]
+    pub manual: Option<RawManual>,
+}
+
+/// A hand that inserts the needle. Pairs are [least, largest].
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct RawManual {
+    /// Speed while it pushes.
+    #[garde(inner(range(min = 0.1, max = 100.0)))]
+    pub speed_mm_s: [f64; 2],
+    /// Time that it pushes between two pauses.
+    #[garde(inner(range(min = 0.1, max = 3600.0)))]
+    pub pause_every_s: [f64; 2],
+    /// Length of a pause.
+    #[garde(inner(range(min = 0.0, max = 60.0)))]
+    pub pause_s: [f64; 2],
+    /// Amplitude of the tremor (8 to 12 Hz) at the hub, along each axis across the needle.
+    #[garde(range(min = 0.0, max = 5.0))]
+    pub tremor_mm: f64,
+    /// Amplitude of the slow swings at the hub, likewise. The needle turns about its entry.
+    #[garde(range(min = 0.0, max = 20.0))]
+    pub swing_mm: f64,
+    /// Time from a cue to its effect.
+    #[garde(inner(range(min = 1, max = 5000)))]
+    pub reaction_ms: [u64; 2],
+}
+
+impl Default for RawManual {
+    fn default() -> Self {
+        Self {
+            speed_mm_s: [6.0, 14.0],
+            pause_every_s: [1.5, 4.0],
+            pause_s: [0.2, 0.8],
+            tremor_mm: 0.2,
+            swing_mm: 1.0,
+            reaction_ms: [300, 600],
+        }
+    }
 }
 
 fn default_tolerance() -> f64 {
