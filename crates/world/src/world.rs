@@ -59,6 +59,8 @@ struct State {
     world_from_phantom: Pose,
     /// Tick at which the last valid command took effect.
     last_command_tick: u64,
+    /// When the image that it answers was taken.
+    obeyed_image_tick: u64,
     /// Distance of the nearest pair within the margin at the last look.
     nearest_m: Option<f64>,
     /// Least distance at which the arm stopped, since the last look with nobody near.
@@ -101,6 +103,7 @@ impl World {
             world_from_probe,
             world_from_phantom: Pose::identity(),
             last_command_tick: 0,
+            obeyed_image_tick: 0,
             nearest_m: None,
             stopped_at_m: None,
             needle_blocked: false,
@@ -158,6 +161,11 @@ impl World {
     pub fn drops_image(&self, sequence: u64) -> bool {
         let share = self.state.timeline.dropped_share();
         share > 0.0 && uniform_for_drop(self.model.scenario.seed, sequence) < share
+    }
+
+    /// How long ago the image was taken that the command in effect answers; before the first one, since the start.
+    pub fn command_age_ticks(&self) -> u64 {
+        self.state.tick - self.state.obeyed_image_tick
     }
 
     /// Commands refused so far.
@@ -358,8 +366,9 @@ impl State {
         self.tick += 1;
         self.timeline.step(&scenario.disturbances, self.tick, &mut self.events);
         self.world_from_phantom.translation.vector = self.timeline.phantom_shift_m(self.tick);
-        while let Some(command) = self.inbox.pop_due(self.tick) {
-            self.obey(model, &command);
+        while let Some(due) = self.inbox.pop_due(self.tick) {
+            self.obeyed_image_tick = due.image_tick;
+            self.obey(model, &due.command);
         }
         self.watch_for_silence(scenario.needle_robot.watchdog_ticks);
         self.feed_needle(model);
