@@ -75,8 +75,11 @@ impl Scene {
             needle: self.needle.clone(),
             needle_gain_db: 0.0,
             element_gap_m: vec![0.0; self.elements],
+            element_loss_db: Vec::new(),
             indentation: (self.press_m > 0.0).then_some(indentation),
+            drag: None,
             gain_db: 0.0,
+            noise_gain_db: 0.0,
         };
         self.sequence += 1;
         self.renderer.render(&slice, &mut self.image);

@@ -33,6 +33,7 @@ pub use load::{
 pub use metrics::METRICS;
 pub use model::{
     ArmSpec, Bound, CalibrationSpec, DelaySpec, Disturbance, DisturbanceKind, Expectation, Inclusion,
-    InsertionSpec, Material, NeedleRobotSpec, OpwSpec, PhantomSpec, PlacementSpec, Scenario, Shape,
+    InsertionSpec, Material, NeedleRobotSpec, OpwSpec, PassageSpec, PhantomMotion, PhantomSpec,
+    PlacementSpec, Scenario, Shape,
 };
 pub use schema::{FileKind, schema};

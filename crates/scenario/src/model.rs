@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use sonoloop_types::{
-    Acoustics, Limits, NeedleSpec, Point, Pose, ProbeSpec, ServoSettings, TrackerSettings, View,
+    Acoustics, Limits, NeedleSpec, Point, Pose, ProbeSpec, ServoSettings, TrackerSettings, Vector, View,
 };
 
 /// One experiment, resolved for one seed.
@@ -115,6 +115,8 @@ pub struct NeedleRobotSpec {
     pub max_acceleration_m_s2: f64,
     /// Longest insertion.
     pub max_depth_m: f64,
+    /// Feed stops for good when the force on the needle exceeds this.
+    pub max_force_n: f64,
     /// Feed stops when no valid command came for this long.
     pub watchdog_ticks: u64,
 }
@@ -143,8 +145,41 @@ pub struct Material {
     pub acoustics: Acoustics,
     /// Young's modulus; `None` for liquids, which bear no probe.
     pub youngs_modulus_pa: Option<f64>,
-    /// Friction on the shaft of a 22G needle per buried length; `None` where no needle goes in. Not simulated yet.
-    pub needle_friction_n_m: Option<f64>,
+    /// How a needle gets through; `None` where none does.
+    pub needle: Option<PassageSpec>,
+}
+
+/// How a material lets a needle through. Forces are those on a 22G needle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PassageSpec {
+    /// Friction on the shaft per buried length.
+    pub friction_n_m: f64,
+    /// Force on the tip while it cuts.
+    pub cutting_n: f64,
+    /// Force on the tip at which it pierces the material's face.
+    pub puncture_n: f64,
+    /// a₁ of the force a₁x + a₂x² on a face that has given way by x.
+    pub stiffness_n_m: f64,
+    /// a₂ of the same.
+    pub stiffening_n_m2: f64,
+    /// Distance from the tip at which 1/e of what it carries along is left.
+    pub drag_decay_m: f64,
+    /// Share of the needle's own curvature that its bevel steers into.
+    pub bending: f64,
+}
+
+impl PassageSpec {
+    /// How far the face gives way until it is pierced, for a tip that comes with a force of `from_n`: the root of
+    /// from + a₁x + a₂x² = puncture. 0 where `from_n` is enough, infinite where the face yields without force.
+    pub fn dent_m(&self, from_n: f64) -> f64 {
+        let missing_n = self.puncture_n - from_n;
+        if missing_n <= 0.0 {
+            return 0.0;
+        }
+        let (a1, a2) = (self.stiffness_n_m, self.stiffening_n_m2);
+        // Citardauq form: no difference of near numbers, and good for a₂ = 0.
+        2.0 * missing_n / (a1 + (a1 * a1 + 4.0 * a2 * missing_n).sqrt())
+    }
 }
 
 /// A body inside the phantom.
@@ -188,7 +223,7 @@ pub struct InsertionSpec {
     /// Entry on the phantom's top face, world frame.
     pub entry_in_world: Point,
     /// Unit direction of the needle, world frame (z < 0).
-    pub axis_in_world: sonoloop_types::Vector,
+    pub axis_in_world: Vector,
     /// Turn of the bevel about the needle's axis; 0 bends in the vertical plane of the needle.
     pub bevel_roll_rad: f64,
     /// Depth along the needle at the start.
@@ -296,6 +331,95 @@ pub enum DisturbanceKind {
     ImageDelay {
         /// New image delay.
         image_ticks: u64,
+    },
+    /// From now on commands take effect later.
+    CommandDelay {
+        /// New command delay, ≥ 1.
+        command_ticks: u64,
+    },
+    /// Gel is missing under a part of the array.
+    GelLost {
+        /// Left end along the array, from its middle.
+        from_m: f64,
+        /// Right end.
+        to_m: f64,
+        /// Air between elements and surface.
+        gap_m: f64,
+        /// How long until it is filled again.
+        duration_ticks: u64,
+    },
+    /// The receiver's electronic noise steps.
+    Noise {
+        /// New noise on top of the probe's own.
+        gain_db: f64,
+    },
+    /// Something between probe and surface takes sound from a part of the array.
+    Shadow {
+        /// Its middle along the array, from the array's.
+        x_m: f64,
+        /// Its length along the array.
+        width_m: f64,
+        /// Loss of sound that passes it there and back.
+        loss_db: f64,
+        /// How long it is there.
+        duration_ticks: u64,
+    },
+    /// The scanner hands out the last picture again; measurements go on.
+    FrozenImages {
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// Pictures are lost before they are published.
+    DroppedImages {
+        /// Share of them, 0…1; which, the seed draws.
+        share: f64,
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// The arm stops and obeys nothing, then goes on.
+    ArmStall {
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// The tracker gets images and does not answer.
+    TrackerHung {
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// What the tracker sends is garbage, drawn from the seed.
+    TrackerGarbage {
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// The phantom moves.
+    PhantomMoves(PhantomMotion),
+}
+
+/// How the phantom moves as a whole; vectors in the world frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PhantomMotion {
+    /// To and fro until the end of the run, ½(1 − cos) of the time.
+    Breathing {
+        /// From one end of a breath to the other.
+        reach_m: Vector,
+        /// One breath.
+        period_ticks: u64,
+        /// Where in a breath it begins; 0 is the end that all others lie along `reach_m` from.
+        phase_rad: f64,
+    },
+    /// Slowly aside.
+    Drift {
+        /// How fast.
+        velocity_m_s: Vector,
+        /// For how long.
+        duration_ticks: u64,
+    },
+    /// Aside, once.
+    Step {
+        /// How far.
+        shift_m: Vector,
+        /// How long it takes.
+        duration_ticks: u64,
     },
 }
 

@@ -32,6 +32,9 @@ fn cases() -> Vec<Case> {
     cases
 }
 
+/// The knock of [`SCENARIO`], to put something else in its place.
+const KNOCK: &str = "probe_knock: {elevation_mm: 3, duration_s: 0.1}";
+
 fn scenario_cases() -> Vec<Case> {
     let s = SCENARIO;
     vec![
@@ -149,7 +152,7 @@ fn scenario_cases() -> Vec<Case> {
         // The timeline.
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
             "gain_change: {gain_db: 3}\n    lift_off: {height_mm: 3, duration_s: 1}",
             &["disturbances.0.at_s = 3:", "exactly one", "probe_knock"],
         ),
@@ -160,6 +163,86 @@ fn scenario_cases() -> Vec<Case> {
             &["disturbances.0", "exactly one"],
         ),
         case(s, "elevation_mm: 3,", "elevation_mm: 0,", &["disturbances.0.probe_knock", "must move"]),
+        case(
+            s,
+            "elevation_mm: 3,",
+            "roll_deg: 31,",
+            &["disturbances.0.probe_knock.roll_deg = 31", "at most 30"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "gel_lost: {from_mm: -120, to_mm: 5, gap_mm: 0.3, duration_s: 1}",
+            &["gel_lost.from_mm = -120", "at least -100"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "gel_lost: {from_mm: 5, to_mm: 5, gap_mm: 0.3, duration_s: 1}",
+            &["gel_lost.to_mm = 5", "above from_mm = 5"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "gel_lost: {from_mm: 0, to_mm: 5, gap_mm: 0, duration_s: 1}",
+            &["gel_lost.gap_mm = 0", "at least 0.001"],
+        ),
+        case(s, KNOCK, "noise: {gain_db: 70}", &["noise.gain_db = 70", "at most 60"]),
+        case(
+            s,
+            KNOCK,
+            "shadow: {x_mm: 0, width_mm: 0, loss_db: 20, duration_s: 1}",
+            &["shadow.width_mm = 0", "at least 0.1"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "shadow: {x_mm: 0, width_mm: 5, loss_db: -3, duration_s: 1}",
+            &["shadow.loss_db = -3", "at least 0.1"],
+        ),
+        case(s, KNOCK, "frozen_images: {duration_s: 0}", &["frozen_images.duration_s = 0", "at least 0.001"]),
+        case(s, KNOCK, "frozen_images: {duration_s: 38}", &["disturbances.0.at_s", "at most 2", "38 s"]),
+        case(
+            s,
+            KNOCK,
+            "dropped_images: {share: 1.5, duration_s: 1}",
+            &["dropped_images.share = 1.5", "at most 1"],
+        ),
+        case(s, KNOCK, "dropped_images: {share: 0.5}", &["disturbances.0", "missing field", "duration_s"]),
+        case(s, KNOCK, "command_delay: {command_ms: 0}", &["command_delay.command_ms = 0", "at least 1"]),
+        case(s, KNOCK, "arm_stall: {duration_s: 700}", &["arm_stall.duration_s = 700", "at most 600"]),
+        case(s, KNOCK, "tracker_hung: {down_s: 1}", &["tracker_hung.down_s", "unknown field", "duration_s"]),
+        case(
+            s,
+            KNOCK,
+            "tracker_garbage: {duration_s: -1}",
+            &["tracker_garbage.duration_s = -1", "at least 0.001"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "tracker_hung: {duration_s: 1}\n    tracker_garbage: {duration_s: 1}",
+            &["exactly one", "tracker_hung"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "breathing: {z_mm: 25, period_s: 4}",
+            &["disturbances.0.breathing.z_mm = 25", "at most 20"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "breathing: {z_mm: 2, period_s: 0.1}",
+            &["disturbances.0.breathing.period_s = 0.1", "at least 0.5"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "phantom_drift: {duration_s: 1}",
+            &["disturbances.0.phantom_drift", "must move the phantom"],
+        ),
+        case(s, KNOCK, "phantom_step: {x_mm: 1, duration_s: 38}", &["disturbances.0.at_s = 3", "at most 2"]),
         case(s, "duration_s: 40", "duration_s: 3", &["disturbances.0.at_s", "at most 2.9", "duration_s = 3"]),
         // Randomize.
         case(
@@ -335,6 +418,7 @@ fn robot_cases() -> Vec<Case> {
             "upper=\"0.150\" effort=\"0\" velocity=\"0\"",
             &["joint `reach`", "velocity = 0", "> 0 (m/s)"],
         ),
+        case(NEEDLE_ROBOT, "max_force_n: 8", "max_force_n: 0", &["max_force_n = 0", "at least 0.1"]),
         case(NEEDLE_ROBOT, "watchdog_ms: 200", "watchdog_ms: 0", &["watchdog_ms = 0", "at least 1"]),
     ]
 }
@@ -403,6 +487,24 @@ fn phantom_and_tool_cases() -> Vec<Case> {
             "backscatter_db: 18",
             "backscatter_db: loud",
             &["materials.echogenic.backscatter_db = \"loud\""],
+        ),
+        case(
+            materials,
+            "friction_n_m: 15",
+            "friction_n_m: -15",
+            &["materials.agar.needle.friction_n_m = -15", "at least 0"],
+        ),
+        case(
+            materials,
+            "cutting_n: 0.3, puncture_n: 0.8, stiffness_n_m: 400",
+            "cutting_n: 0.3, puncture_n: 0.2, stiffness_n_m: 400",
+            &["materials.agar.needle.puncture_n = 0.2", "at least cutting_n = 0.3"],
+        ),
+        case(
+            materials,
+            "stiffness_n_m: 400, stiffening_n_m2: 200000",
+            "stiffness_n_m: 0, stiffening_n_m2: 0",
+            &["materials.agar.needle.puncture_n = 0.8", "given way by inf mm", "at most 3.2 mm"],
         ),
         case(probe, "depth_mm: 18,", "depth_mm: 11,", &["elevation.4.depth_mm = 11", "above 15"]),
         case(probe, "pitch_mm: 0.2", "pitch_mm: 0.5", &["pitch_mm = 0.5", "96.0 mm", "64.0 mm"]),

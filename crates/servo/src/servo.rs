@@ -182,6 +182,10 @@ impl Servo {
                 );
                 (Some(displaced(&held, search.commanded, &lost_tip)), 0.0)
             }
+            // Behind an arm that does not obey the needle waits, and nothing adds up meanwhile.
+            Mode::Follow if matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision) => {
+                (Some(held), 0.0)
+            }
             Mode::Follow if estimate.state == TrackState::Tracking => {
                 self.follow(acquisition, estimate, held, advanced_m, time_s, dt_s)
             }
@@ -274,8 +278,6 @@ impl Servo {
         let Some(tip_px) = estimate.tip_px else { return (Some(held), 0.0) };
         let settings = self.setup.servo;
         let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
-        // An arm that does not follow would only wind the set point up.
-        let follows = !matches!(acquisition.arm_status, ArmStatus::Collision | ArmStatus::Unreachable);
 
         let measured_m = offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m;
         let sigma_m = self.slice_sigma_m(tip_in_probe.z);
@@ -291,12 +293,8 @@ impl Servo {
                 (0.0, self.follow_along(acquisition.depth_m.is_none(), dt_s))
             }
         };
-        let held = if follows {
-            self.state.corrected_m += correction_m;
-            held * Pose::translation(slide_m, correction_m, 0.0)
-        } else {
-            held
-        };
+        self.state.corrected_m += correction_m;
+        let held = held * Pose::translation(slide_m, correction_m, 0.0);
         self.state.held = Some(held);
 
         let remaining_m = self.remaining_m(acquisition, &tip_in_probe);
@@ -483,6 +481,20 @@ pub(crate) mod tests {
         assert!(matches!(servo.mode(), Mode::Search(_)));
         assert_eq!(servo.answer(&acquisition(2), &estimate(TrackState::Tracking)).feed_m_s, 10e-3);
         assert_eq!(*servo.mode(), Mode::Follow);
+    }
+
+    #[test]
+    fn behind_an_arm_that_does_not_obey_the_needle_waits_and_nothing_adds_up() {
+        let mut servo = Servo::new(setup(View::Lateral));
+        // Outside the dead band: an arm that obeys would be sent after it, farther with every image.
+        let aside = Estimate { tip_px: Some([460.0, 200.0]), ..estimate(TrackState::Tracking) };
+        for (k, arm_status) in (0..).zip([ArmStatus::Holding, ArmStatus::Collision, ArmStatus::Holding]) {
+            let command = servo.answer(&Acquisition { arm_status, ..acquisition(k) }, &aside);
+            assert_eq!((command.feed_m_s, command.target_base_from_probe), (0.0, Some(Pose::identity())));
+        }
+        let command = servo.answer(&acquisition(3), &aside);
+        assert_eq!(command.feed_m_s, 10e-3);
+        assert!(command.target_base_from_probe.unwrap().translation.x < 1e-3);
     }
 
     #[test]

@@ -16,6 +16,10 @@ pub enum EventKind {
     NeedleStopped,
     /// The needle moves again.
     NeedleResumed,
+    /// The tip pierced a face that it had pushed ahead.
+    Puncture,
+    /// The force on the needle exceeded what its robot allows: it stops for good.
+    NeedleBlocked,
     /// A collision began.
     Collision,
     /// The contact force exceeded its limit.

@@ -6,6 +6,7 @@
 
 mod acquisition;
 mod command;
+mod drag;
 mod estimate;
 mod event;
 mod geometry;
@@ -21,6 +22,7 @@ mod truth;
 
 pub use acquisition::{Acquisition, ArmStatus, CommandReceipt, Refusal};
 pub use command::{Command, EndReason};
+pub use drag::Drag;
 pub use estimate::{Estimate, Reason, TrackState};
 pub use event::{Event, EventKind};
 pub use geometry::{ImageGeometry, View};

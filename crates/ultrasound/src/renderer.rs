@@ -67,15 +67,20 @@ struct Scene {
     needle: Option<NeedlePath>,
     needle_gain_db: f64,
     element_gap_m: Vec<f32>,
+    element_loss_db: Vec<f32>,
     indentation: Option<Indentation>,
 }
 
 impl Scene {
     fn of(slice: &Slice) -> Self {
-        let Slice { phantom_from_probe, ref needle, needle_gain_db, ref element_gap_m, indentation, .. } =
-            *slice;
-        let (needle, element_gap_m) = (needle.clone(), element_gap_m.clone());
-        Self { phantom_from_probe, needle, needle_gain_db, element_gap_m, indentation }
+        Self {
+            phantom_from_probe: slice.phantom_from_probe,
+            needle: slice.needle.clone(),
+            needle_gain_db: slice.needle_gain_db,
+            element_gap_m: slice.element_gap_m.clone(),
+            element_loss_db: slice.element_loss_db.clone(),
+            indentation: slice.indentation,
+        }
     }
 }
 
@@ -186,7 +191,7 @@ impl Renderer {
             *image = Image::black(geometry.width_px, geometry.height_px);
         }
         let spacing_m = geometry.spacing_m;
-        let exposure = Exposure { sequence: slice.sequence, gain_db: slice.gain_db, spacing_m };
+        let exposure = Exposure::new(slice, spacing_m);
         // Entered once: every hand-over from a thread outside the pool would put that thread to sleep.
         rayon::scope(|_| {
             self.fill_field(slice, &mut image.pixels, |this, row, field, pixels| {

@@ -92,15 +92,16 @@ fn a_picture_at_rest_is_the_one_drawn_anew() {
         let mut slice = scene(*pose, 0);
         render(&mut renderer, &slice);
         for (sequence, gain_db) in [(1, 0.0), (2, -3.0), (7, 4.0)] {
-            (slice.sequence, slice.gain_db) = (sequence, gain_db);
+            (slice.sequence, slice.gain_db, slice.noise_gain_db) = (sequence, gain_db, 2.0 * gain_db);
             let fresh = render(&mut Renderer::new(probe(), needle(), gel(), 1), &slice);
             assert!(render(&mut renderer, &slice) == fresh, "image {sequence} differs");
         }
         // What the field depends on, one by one.
-        let mut changed = vec![slice.clone(), slice.clone(), slice.clone()];
+        let mut changed = vec![slice.clone(); 4];
         changed[0].needle_gain_db = -6.0;
         changed[1].needle = None;
         changed[2].element_gap_m[60..90].fill(1e-3);
+        changed[3].element_loss_db = vec![20.0; 100];
         for slice in changed {
             let fresh = render(&mut Renderer::new(probe(), needle(), gel(), 1), &slice);
             assert!(render(&mut renderer, &slice) == fresh, "an old field is shown");

@@ -117,6 +117,7 @@ fn of_the_code() -> Layouts {
                 contact_force_n,
                 target_distance_m,
                 min_joint_margin_rad,
+                needle_force_n,
             }
         ),
     ])

@@ -250,6 +250,7 @@ fn the_truth_travels_on_a_domain_of_its_own() {
         depth_m: 0.031,
         feed_m_s: 0.01,
         contact_force_n: 3.0,
+        needle_force_n: 0.7,
         target_distance_m: 0.02,
         min_joint_margin_rad: 0.4,
         collision: true,

@@ -1,11 +1,13 @@
-//! Probe on gel: a flat punch on an elastic half-space with Kelvin–Voigt damping.
+//! Probe on gel: a flat punch on an elastic layer with Kelvin–Voigt damping.
 //!
-//! F = 2aE*·(δ + τδ̇) ≥ 0, a = √(A/π), E* = E/(1 − ν²): the flat circular punch of the footprint's area
-//! (Johnson, Contact Mechanics, 1985, §3.8). δ is the mean indentation of the face along the probe's axis.
-//! The tissue that the renderer sees stays undeformed.
+//! F = κ·2aE*·(δ + τδ̇) ≥ 0, a = √(A/π), E* = E/(1 − ν²): the flat circular punch of the footprint's area, κ for the
+//! phantom's thickness ([`crate::punch`]). δ is the mean indentation of the face along the probe's axis. The tissue
+//! that the renderer sees is pressed as far, see [`Indentation`]. All poses are of the probe in the phantom.
 
 use sonoloop_scenario::PhantomSpec;
-use sonoloop_types::{Pose, ProbeSpec, TICKS_PER_SECOND, Vector};
+use sonoloop_types::{Indentation, Pose, ProbeSpec, TICKS_PER_SECOND, Vector};
+
+use crate::punch::layer_factor;
 
 /// Elevational width of a linear probe's face. Assumed: typical of the housings, no source.
 const FACE_WIDTH_M: f64 = 12e-3;
@@ -19,7 +21,7 @@ pub(crate) const LIQUID_IMMERSION_M: f64 = 2e-3;
 /// The unchanging part: how stiff the phantom is under this probe.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Contact {
-    /// 2aE*, newtons per metre; `None` for a liquid.
+    /// κ·2aE*, newtons per metre; `None` for a liquid.
     pub stiffness_n_m: Option<f64>,
     half_aperture_m: f64,
     half_size_m: [f64; 2],
@@ -32,7 +34,10 @@ impl Contact {
         let area_m2 = probe.aperture_m() * FACE_WIDTH_M;
         let radius_m = (area_m2 / std::f64::consts::PI).sqrt();
         Self {
-            stiffness_n_m: modulus_pa.map(|e| 2.0 * radius_m * e / (1.0 - POISSON * POISSON)),
+            stiffness_n_m: modulus_pa.map(|e| {
+                let half_space_n_m = 2.0 * radius_m * e / (1.0 - POISSON * POISSON);
+                half_space_n_m * layer_factor(radius_m, phantom.size_m[2], POISSON)
+            }),
             half_aperture_m: probe.aperture_m() / 2.0,
             half_size_m: [phantom.size_m[0] / 2.0, phantom.size_m[1] / 2.0],
             thickness_m: phantom.size_m[2],
@@ -40,21 +45,21 @@ impl Contact {
     }
 
     /// Indentation of the face's centre along the probe's axis; negative above the surface.
-    pub(crate) fn centre_indentation_m(&self, world_from_probe: &Pose) -> f64 {
-        let down = -(world_from_probe.rotation * Vector::z()).z;
-        -world_from_probe.translation.vector.z / down.max(0.1)
+    pub(crate) fn centre_indentation_m(&self, phantom_from_probe: &Pose) -> f64 {
+        let down = -(phantom_from_probe.rotation * Vector::z()).z;
+        -phantom_from_probe.translation.vector.z / down.max(0.1)
     }
 
     /// Mean over the array of what lies below the surface, along the probe's axis; the slope across the
     /// array is left out. 0 beside the phantom.
-    pub(crate) fn mean_indentation_m(&self, world_from_probe: &Pose) -> f64 {
-        let centre = world_from_probe.translation.vector;
+    pub(crate) fn mean_indentation_m(&self, phantom_from_probe: &Pose) -> f64 {
+        let centre = phantom_from_probe.translation.vector;
         if centre.x.abs() > self.half_size_m[0] || centre.y.abs() > self.half_size_m[1] {
             return 0.0;
         }
-        let middle = self.centre_indentation_m(world_from_probe);
-        let down = -(world_from_probe.rotation * Vector::z()).z;
-        let slope = ((world_from_probe.rotation * Vector::x()).z / down.max(0.1)).abs();
+        let middle = self.centre_indentation_m(phantom_from_probe);
+        let down = -(phantom_from_probe.rotation * Vector::z()).z;
+        let slope = ((phantom_from_probe.rotation * Vector::x()).z / down.max(0.1)).abs();
         let (low, high) = (middle - slope * self.half_aperture_m, middle + slope * self.half_aperture_m);
         if low >= 0.0 {
             middle
@@ -64,6 +69,28 @@ impl Contact {
             // Triangle: a share high/(high − low) of the array is in, by high/2 on average.
             0.5 * high * high / (high - low)
         }
+    }
+
+    /// How the tissue is pressed: `None` without contact, in a liquid, and beyond what tissue can follow. The top face comes to
+    /// lie as deep as the middle of the probe's face, whatever share of the press the model leaves there.
+    pub(crate) fn indentation(&self, phantom_from_probe: &Pose) -> Option<Indentation> {
+        self.stiffness_n_m?;
+        let mean_m = self.mean_indentation_m(phantom_from_probe);
+        if mean_m <= 0.0 {
+            return None;
+        }
+        let array = phantom_from_probe.rotation * Vector::x();
+        let down = -(phantom_from_probe.rotation * Vector::z()).z;
+        let mut pressed = Indentation {
+            x_m: phantom_from_probe.translation.vector.x,
+            y_m: phantom_from_probe.translation.vector.y,
+            yaw_rad: libm::atan2(array.y, array.x),
+            half_size_m: [self.half_aperture_m, FACE_WIDTH_M / 2.0],
+            depth_m: 0.0,
+            thickness_m: self.thickness_m,
+        };
+        pressed.depth_m = mean_m * down / (pressed.lengthwise(0.0) * pressed.crosswise(0.0)[0]);
+        Some(pressed).filter(Indentation::is_sound)
     }
 
     /// Force along the probe's axis, positive when pressed.
@@ -78,15 +105,15 @@ impl Contact {
     }
 
     /// Gap between each element and the surface along the probe's axis; beside the phantom, its thickness.
-    pub(crate) fn element_gaps_m(&self, world_from_probe: &Pose, probe: &ProbeSpec) -> Vec<f32> {
-        (0..probe.elements).map(|i| self.gap_m(world_from_probe, element_x_m(probe, i)) as f32).collect()
+    pub(crate) fn element_gaps_m(&self, phantom_from_probe: &Pose, probe: &ProbeSpec) -> Vec<f32> {
+        (0..probe.elements).map(|i| self.gap_m(phantom_from_probe, element_x_m(probe, i)) as f32).collect()
     }
 
     /// Gap under the point of the face at `x_m` along the array.
-    pub(crate) fn gap_m(&self, world_from_probe: &Pose, x_m: f64) -> f64 {
-        let along = world_from_probe.rotation * Vector::x();
-        let axis = world_from_probe.rotation * Vector::z();
-        let element = world_from_probe.translation.vector + along * x_m;
+    pub(crate) fn gap_m(&self, phantom_from_probe: &Pose, x_m: f64) -> f64 {
+        let along = phantom_from_probe.rotation * Vector::x();
+        let axis = phantom_from_probe.rotation * Vector::z();
+        let element = phantom_from_probe.translation.vector + along * x_m;
         let gap_m = (element.z / (-axis.z).max(0.1)).max(0.0);
         let foot = element + axis * gap_m;
         let beside = foot.x.abs() > self.half_size_m[0] || foot.y.abs() > self.half_size_m[1];
@@ -108,14 +135,14 @@ pub(crate) struct Touch {
 
 impl Touch {
     /// At rest.
-    pub(crate) fn resting(contact: &Contact, world_from_probe: &Pose) -> Self {
-        let indentation_m = contact.mean_indentation_m(world_from_probe);
+    pub(crate) fn resting(contact: &Contact, phantom_from_probe: &Pose) -> Self {
+        let indentation_m = contact.mean_indentation_m(phantom_from_probe);
         Self { indentation_m, force_n: contact.force_n(indentation_m, 0.0) }
     }
 
     /// One tick later.
-    pub(crate) fn step(&mut self, contact: &Contact, world_from_probe: &Pose) {
-        let indentation_m = contact.mean_indentation_m(world_from_probe);
+    pub(crate) fn step(&mut self, contact: &Contact, phantom_from_probe: &Pose) {
+        let indentation_m = contact.mean_indentation_m(phantom_from_probe);
         let rate_m_s = (indentation_m - self.indentation_m) * TICKS_PER_SECOND as f64;
         *self = Self { indentation_m, force_n: contact.force_n(indentation_m, rate_m_s) };
     }
@@ -147,10 +174,11 @@ mod tests {
         phantom.materials[background].youngs_modulus_pa = Some(3.0 * 4180.0);
         let contact = Contact::new(&probe, &phantom);
         let radius = (0.060f64 * 0.012 / std::f64::consts::PI).sqrt();
-        let expected = 2.0 * radius * 12_540.0 / (1.0 - 0.49f64.powi(2)) * 1e-3;
+        let half_space = 2.0 * radius * 12_540.0 / (1.0 - 0.49f64.powi(2)) * 1e-3;
+        let expected = half_space * layer_factor(radius, phantom.size_m[2], 0.49);
         let pressed = down_at(-1e-3, 0.0);
         let force = contact.force_n(contact.mean_indentation_m(&pressed), 0.0);
-        assert!((force - expected).abs() < 1e-12 && (force - 0.5).abs() < 0.01, "{force}");
+        assert!((force - expected).abs() < 1e-12 && (half_space - 0.5).abs() < 0.01, "{force}");
     }
 
     #[test]

@@ -3,8 +3,8 @@
 
 use nalgebra::UnitQuaternion;
 use sonoloop_scenario::{
-    ArmSpec, CalibrationSpec, DelaySpec, InsertionSpec, Material, NeedleRobotSpec, OpwSpec, PhantomSpec,
-    PlacementSpec, Scenario,
+    ArmSpec, CalibrationSpec, DelaySpec, InsertionSpec, Material, NeedleRobotSpec, OpwSpec, PassageSpec,
+    PhantomSpec, PlacementSpec, Scenario,
 };
 use sonoloop_types::{
     Acoustics, Effects, ElevationSample, ImageGeometry, Limits, NeedleSpec, Point, Pose, Precision,
@@ -148,7 +148,20 @@ pub fn needle_robot() -> NeedleRobotSpec {
         max_feed_m_s: 0.02,
         max_acceleration_m_s2: 0.1,
         max_depth_m: 0.12,
+        max_force_n: 8.0,
         watchdog_ticks: 200,
+    }
+}
+
+pub fn passage() -> PassageSpec {
+    PassageSpec {
+        friction_n_m: 6.0,
+        cutting_n: 0.15,
+        puncture_n: 0.4,
+        stiffness_n_m: 100.0,
+        stiffening_n_m2: 6e4,
+        drag_decay_m: 5e-3,
+        bending: 1.0,
     }
 }
 
@@ -167,7 +180,7 @@ pub fn phantom() -> PhantomSpec {
                 backscatter_db: Some(0.0),
             },
             youngs_modulus_pa: Some(30e3),
-            needle_friction_n_m: Some(6.0),
+            needle: Some(passage()),
         }],
         inclusions: Vec::new(),
     }

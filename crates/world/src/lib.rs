@@ -9,16 +9,18 @@
 //! | module | holds |
 //! |---|---|
 //! | `chain`, `ik`, `motion`, `arm` | joints of the URDF, inverse kinematics, jerk-limited motion, set point and status |
-//! | `contact`, `press` | flat punch on gel, force control along the probe's axis |
-//! | `needle`, `needle_robot` | path of the tip, feed; joints of the robot that holds the needle |
-//! | `phantom` | columns of materials for the renderer |
+//! | `contact`, `punch`, `press` | flat punch on gel, how the tissue gives way, force control along the probe's axis |
+//! | `needle_path`, `needle_feed` | arcs of the tip through the materials; how fast it is fed |
+//! | `needle_force` | faces, friction, bone: force on the needle, tissue that it carries along |
+//! | `needle_robot` | joints of the robot that holds the needle |
+//! | `phantom` | which material lies where, for the needle and for the renderer |
 //! | `scene` | rapier bodies: who comes too near to whom |
 //! | `hidden`, `placement`, `model` | errors drawn from the seed, the operator's placement, checks before the start |
-//! | `timeline`, `inbox` | disturbances, commands on their way |
+//! | `timeline`, `phantom_motion`, `inbox` | disturbances, commands on their way |
 //! | `truth`, `world` | visibility, the tick itself |
 //!
-//! Limits of this version: the tissue in the picture is not deformed by the probe (the force is), the
-//! phantom does not move, the shaft lies in the swept path of the tip, and a hand cannot insert the needle.
+//! Limits of this version: pressed tissue does not bend the needle, the phantom moves without turning, and the shaft lies
+//! in the swept path of the tip.
 //! Housing, table and the constants of contact are assumed; each says so where it stands.
 
 mod arm;
@@ -32,17 +34,22 @@ mod ik;
 mod inbox;
 mod model;
 mod motion;
-mod needle;
+mod needle_feed;
+mod needle_force;
+mod needle_path;
 mod needle_robot;
 mod phantom;
+mod phantom_motion;
 mod placement;
 mod press;
+mod punch;
 mod scene;
 mod timeline;
 mod truth;
 mod world;
 
 pub use error::WorldError;
+pub use hidden::GarbageWords;
 pub use ik::Unreachable;
 pub use model::PROTOCOL;
 pub use phantom::tissue;

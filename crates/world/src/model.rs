@@ -8,9 +8,11 @@ use crate::arm::{Arm, ArmModel};
 use crate::chain::Joints;
 use crate::contact::Contact;
 use crate::hidden::{Hidden, encoder_noise};
-use crate::needle::{FeedLimits, Path};
+use crate::needle_feed::FeedLimits;
+use crate::needle_force::Resistance;
+use crate::needle_path::Path;
 use crate::needle_robot::{NeedleRobot, displaced};
-use crate::phantom;
+use crate::phantom::{self, Anatomy};
 use crate::placement;
 use crate::scene::{MARGIN_M, Scene};
 use crate::truth;
@@ -25,6 +27,7 @@ pub(crate) struct Model {
     pub arm: ArmModel,
     pub contact: Contact,
     pub path: Path,
+    pub resistance: Resistance,
     pub needle_robot: NeedleRobot,
     /// What scenario, needle and the needle robot's joints leave of the feed.
     pub feed_limits: FeedLimits,
@@ -32,8 +35,8 @@ pub(crate) struct Model {
     world_from_needle_base: Pose,
     /// True mount of the probe before any slip.
     pub flange_from_mounted_probe: Pose,
-    /// True target, phantom frame.
-    pub target_in_phantom: Point,
+    /// True target as a point of the resting phantom: pressed as at the start it lies on the needle's way.
+    pub target_at_rest: Point,
     /// Measured pose of the probe at the start.
     pub base_from_probe_at_start: Pose,
     /// The rest of what the tracker is told.
@@ -83,8 +86,10 @@ impl Model {
             insertion.entry_in_world,
             insertion.axis_in_world,
         );
+        let anatomy = Anatomy::new(&scenario.phantom);
         let path = Path::new(
             &scenario.needle,
+            &anatomy,
             entry_in_world + hidden.entry_error_in_world,
             hidden.axis_error * axis_in_world,
             insertion.bevel_roll_rad,
@@ -139,13 +144,16 @@ impl Model {
         let model = Self {
             tissue: phantom::tissue(&scenario.phantom),
             arm,
-            contact,
+            resistance: Resistance::new(&path, &anatomy, scenario.needle.outer_diameter_m),
             path,
             needle_robot,
             feed_limits,
             world_from_needle_base,
             flange_from_mounted_probe,
-            target_in_phantom,
+            target_at_rest: contact
+                .indentation(&true_world_from_probe)
+                .map_or(target_in_phantom, |press| press.rest(target_in_phantom)),
+            contact,
             base_from_probe_at_start,
             entry_in_base: base_from_world * insertion.entry_in_world,
             needle_axis_in_base: base_from_world * insertion.axis_in_world,

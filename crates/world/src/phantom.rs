@@ -1,4 +1,4 @@
-//! The phantom as the renderer sees it: one column of materials under each point of the top face.
+//! The phantom: which material lies where, for the needle point by point, for the renderer as columns under the top face.
 //!
 //! A column is a vertical ray. Every inclusion is convex, so two parry ray casts, one from above and one
 //! from below, give the ends of its stretch. Only balls and boxes are cast, which parry solves in closed
@@ -8,7 +8,7 @@
 use parry3d::math::Vector as Vector32;
 use parry3d::query::{Ray, RayCast};
 use parry3d::shape::{Ball, Cuboid};
-use sonoloop_scenario::{Inclusion, PhantomSpec, Shape};
+use sonoloop_scenario::{Inclusion, PassageSpec, PhantomSpec, Shape};
 use sonoloop_types::{ColumnSegment, Point, Pose, Tissue, Vector};
 
 /// Wider than any phantom: the open sides of the slab that closes a cylinder.
@@ -30,6 +30,58 @@ struct Body {
     centre_in_phantom: Point,
     bounding_radius_m: f64,
     material: u16,
+}
+
+/// The undeformed phantom as a needle meets it, in f64 and straight from the definition of the shapes.
+#[derive(Debug, Clone)]
+pub(crate) struct Anatomy {
+    size_m: [f64; 3],
+    background: u16,
+    /// The last first.
+    bodies: Vec<(Shape, Pose, u16)>,
+    passages: Vec<Option<PassageSpec>>,
+}
+
+impl Anatomy {
+    pub(crate) fn new(spec: &PhantomSpec) -> Self {
+        let body = |i: &Inclusion| (i.shape, i.phantom_from_inclusion.inverse(), i.material);
+        Self {
+            size_m: spec.size_m,
+            background: spec.background,
+            bodies: spec.inclusions.iter().rev().map(body).collect(),
+            passages: spec.materials.iter().map(|material| material.needle).collect(),
+        }
+    }
+
+    /// The material that a point lies in; `None` outside the phantom.
+    pub(crate) fn material_at(&self, point: &Point) -> Option<u16> {
+        let [x, y, z] = self.size_m;
+        let beside = point.x.abs() > x / 2.0 || point.y.abs() > y / 2.0;
+        if beside || point.z > 0.0 || point.z < -z {
+            return None;
+        }
+        let around = |(shape, inclusion_from_phantom, _): &&(Shape, Pose, u16)| {
+            let p = inclusion_from_phantom * point;
+            match *shape {
+                Shape::Ellipsoid { radii_m: [a, b, c] } => {
+                    let [u, v, w] = [p.x / a, p.y / b, p.z / c];
+                    u * u + v * v + w * w <= 1.0
+                }
+                Shape::Cylinder { radius_m, length_m } => {
+                    p.x * p.x + p.y * p.y <= radius_m * radius_m && p.z.abs() <= length_m / 2.0
+                }
+                Shape::Cuboid { size_m } => {
+                    p.coords.iter().zip(size_m).all(|(value, size)| value.abs() <= size / 2.0)
+                }
+            }
+        };
+        Some(self.bodies.iter().find(around).map_or(self.background, |body| body.2))
+    }
+
+    /// How a needle gets through a material; `None` where none does.
+    pub(crate) fn passage(&self, material: u16) -> Option<&PassageSpec> {
+        self.passages[usize::from(material)].as_ref()
+    }
 }
 
 /// Materials and columns of the undeformed phantom.
@@ -148,25 +200,6 @@ mod tests {
     use super::*;
     use crate::fixture;
 
-    /// Which material a point lies in, straight from the definition of the shapes.
-    fn material_at(spec: &PhantomSpec, point: &Point) -> u16 {
-        let inside = |inclusion: &Inclusion| {
-            let p = inclusion.phantom_from_inclusion.inverse() * point;
-            match inclusion.shape {
-                Shape::Ellipsoid { radii_m: [a, b, c] } => {
-                    (p.x / a).powi(2) + (p.y / b).powi(2) + (p.z / c).powi(2) <= 1.0
-                }
-                Shape::Cylinder { radius_m, length_m } => {
-                    p.x.hypot(p.y) <= radius_m && p.z.abs() <= length_m / 2.0
-                }
-                Shape::Cuboid { size_m } => {
-                    p.coords.iter().zip(size_m).all(|(value, size)| value.abs() <= size / 2.0)
-                }
-            }
-        };
-        spec.inclusions.iter().rev().find(|i| inside(i)).map_or(spec.background, |i| i.material)
-    }
-
     fn crowded() -> PhantomSpec {
         let mut spec = fixture::phantom();
         let acoustics = Acoustics { backscatter_db: None, ..spec.materials[0].acoustics };
@@ -216,7 +249,7 @@ mod tests {
             let segment = out.iter().find(|s| s.bottom_z_m <= z).unwrap();
             // Within 0.1 µm of an end either answer is right: the rays are f32.
             if (segment.top_z_m - z).min(z - segment.bottom_z_m) > 1e-7 {
-                prop_assert_eq!(segment.material, material_at(&spec, &Point::new(x, y, z)));
+                prop_assert_eq!(Some(segment.material), Anatomy::new(&spec).material_at(&Point::new(x, y, z)));
             }
         }
     }

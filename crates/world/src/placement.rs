@@ -9,7 +9,7 @@ use crate::arm::ArmModel;
 use crate::chain::Joints;
 use crate::contact::Contact;
 use crate::hidden::Hidden;
-use crate::needle::Path;
+use crate::needle_path::Path;
 
 /// Distance between the depths at which the follow path is checked.
 const CHECK_EVERY_M: f64 = 2e-3;

@@ -5,16 +5,17 @@ use std::sync::Arc;
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
     Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Pose, Refusal, Setup, Slice, Tissue,
-    Truth,
+    Truth, Vector,
 };
 
 use crate::WorldError;
 use crate::arm::{Arm, CONTROL_TICKS};
-use crate::contact::Touch;
-use crate::hidden::force_noise_n;
+use crate::contact::{Touch, element_x_m};
+use crate::hidden::{GarbageWords, force_noise_n, garbage_words, uniform_for_drop};
 use crate::inbox::{Bounds, Inbox};
 use crate::model::Model;
-use crate::needle::Feed;
+use crate::needle_feed::Feed;
+use crate::needle_force::Passage;
 use crate::press::{Press, PressInput};
 use crate::scene::{MARGIN_M, Scene};
 use crate::timeline::Timeline;
@@ -41,6 +42,7 @@ struct State {
     tick: u64,
     arm: Arm,
     feed: Feed,
+    passage: Passage,
     touch: Touch,
     press: Press,
     timeline: Timeline,
@@ -49,6 +51,8 @@ struct State {
     flange_from_probe: Pose,
     /// True pose of the probe now.
     world_from_probe: Pose,
+    /// Where the phantom is now; it coincides with the world at tick 0, and shifts without turning.
+    world_from_phantom: Pose,
     /// Tick at which the last valid command took effect.
     last_command_tick: u64,
     /// Distance of the nearest pair within the margin at the last look.
@@ -57,6 +61,8 @@ struct State {
     stopped_at_m: Option<f64>,
     /// Something is too near to the needle robot: no feed.
     needle_blocked: bool,
+    /// The needle met a force above its robot's limit: no feed any more.
+    needle_overloaded: bool,
     needle_has_moved: bool,
     refused_commands: u64,
     events: Vec<Event>,
@@ -75,20 +81,24 @@ impl World {
             scenario.limits.max_probe_speed_m_s,
             arm.press_m(),
         );
+        let start_m = scenario.insertion.start_depth_m.clamp(0.0, model.feed_limits.max_depth_m);
         let mut state = State {
             tick: 0,
             arm,
-            feed: Feed::at_rest(scenario.insertion.start_depth_m.clamp(0.0, model.feed_limits.max_depth_m)),
+            feed: Feed::at_rest(start_m),
+            passage: Passage::at_rest(&model.resistance, start_m),
             touch: Touch::resting(&model.contact, &world_from_probe),
             press,
-            timeline: Timeline::new(scenario.delays.image_ticks),
+            timeline: Timeline::new(&scenario.delays),
             inbox: Inbox::new(),
             flange_from_probe,
             world_from_probe,
+            world_from_phantom: Pose::identity(),
             last_command_tick: 0,
             nearest_m: None,
             stopped_at_m: None,
             needle_blocked: false,
+            needle_overloaded: false,
             needle_has_moved: false,
             refused_commands: 0,
             events: Vec::new(),
@@ -123,6 +133,27 @@ impl World {
         self.state.timeline.tracker_down()
     }
 
+    /// True while the scenario lets the tracker hang: it gets images, and no answer is due.
+    pub fn tracker_hung(&self) -> bool {
+        self.state.timeline.tracker_hung()
+    }
+
+    /// Random words for an answer to image `sequence` that arrives now, when the scenario makes garbage of it.
+    pub fn garbage(&self, sequence: u64) -> Option<GarbageWords> {
+        self.state.timeline.tracker_garbage().then(|| garbage_words(self.model.scenario.seed, sequence))
+    }
+
+    /// True while the scanner hands out its last picture again.
+    pub fn images_frozen(&self) -> bool {
+        self.state.timeline.images_frozen()
+    }
+
+    /// True when the picture `sequence`, taken now, is lost before it is published.
+    pub fn drops_image(&self, sequence: u64) -> bool {
+        let share = self.state.timeline.dropped_share();
+        share > 0.0 && uniform_for_drop(self.model.scenario.seed, sequence) < share
+    }
+
     /// Commands refused so far.
     pub fn refused_commands(&self) -> u64 {
         self.state.refused_commands
@@ -145,7 +176,7 @@ impl World {
         let bounds = Bounds {
             limits: &scenario.limits,
             base_from_probe_at_start: &self.model.base_from_probe_at_start,
-            command_delay_ticks: scenario.delays.command_ticks,
+            command_delay_ticks: self.state.timeline.command_delay_ticks,
         };
         let receipt = self.state.inbox.submit(command, self.state.tick, &bounds);
         self.state.report(&receipt);
@@ -175,20 +206,37 @@ impl World {
 
     /// All that a picture taken now depends on.
     pub fn slice(&self, sequence: u64) -> Slice {
-        let state = &self.state;
+        let (state, model) = (&self.state, &*self.model);
+        let phantom_from_probe = state.phantom_from_probe();
         Slice {
             sequence,
-            // The phantom rests in the world.
-            phantom_from_probe: state.world_from_probe,
-            needle: (state.feed.depth_m > 0.0).then(|| self.model.path.seen_at(state.feed.depth_m)),
+            phantom_from_probe,
+            needle: (state.passage.tip_m > 0.0).then(|| model.path.seen_at(state.passage.tip_m)),
             needle_gain_db: state.timeline.needle_gain_db,
-            element_gap_m: self
-                .model
-                .contact
-                .element_gaps_m(&state.world_from_probe, &self.model.scenario.probe),
-            indentation: None,
+            element_gap_m: self.element_gaps_m(&phantom_from_probe),
+            element_loss_db: self.element_losses_db(),
+            indentation: model.contact.indentation(&phantom_from_probe),
+            drag: state.passage.drag(&model.path),
             gain_db: state.timeline.gain_db,
+            noise_gain_db: state.timeline.noise_gain_db,
         }
+    }
+
+    /// Gap under each element: the surface's, or where gel is lost.
+    fn element_gaps_m(&self, phantom_from_probe: &Pose) -> Vec<f32> {
+        let (state, probe) = (&self.state, &self.model.scenario.probe);
+        let mut gaps_m = self.model.contact.element_gaps_m(phantom_from_probe, probe);
+        for (element, gap_m) in (0..probe.elements).zip(&mut gaps_m) {
+            *gap_m = gap_m.max(state.timeline.gap_m(element_x_m(probe, element)) as f32);
+        }
+        gaps_m
+    }
+
+    /// What shadows take from each element; nothing at all without one.
+    fn element_losses_db(&self) -> Vec<f32> {
+        let (timeline, probe) = (&self.state.timeline, &self.model.scenario.probe);
+        let elements = if timeline.any_shadow() { probe.elements } else { 0 };
+        (0..elements).map(|element| timeline.loss_db(element_x_m(probe, element)) as f32).collect()
     }
 
     /// What the rig measures with a picture taken now: noisy joint encoders and the *nominal* mount, noisy depth and
@@ -215,26 +263,33 @@ impl World {
     /// What really is the case now.
     pub fn truth(&self) -> Truth {
         let (state, model) = (&self.state, &*self.model);
-        let depth_m = state.feed.depth_m;
-        let probe_from_world = state.world_from_probe.inverse();
-        let sight = truth::sight(&model.scenario, &model.path, &probe_from_world, depth_m);
+        let phantom_from_probe = state.phantom_from_probe();
+        let probe_from_phantom = phantom_from_probe.inverse();
+        let sight = truth::sight(&model.scenario, &model.path, &probe_from_phantom, state.passage.tip_m);
+        let press = model.contact.indentation(&phantom_from_probe);
+        let drag = state.passage.drag(&model.path);
+        let target_in_phantom = model.target_at_rest
+            + press.map_or_else(Vector::zeros, |press| press.displacement_m(model.target_at_rest))
+            + drag.map_or_else(Vector::zeros, |drag| drag.displacement_m(model.target_at_rest));
         Truth {
             tick: state.tick,
             world_from_probe: state.world_from_probe,
-            tip_in_world: sight.tip_in_world,
+            tip_in_world: state.world_from_phantom * sight.tip_in_phantom,
             tip_in_probe: sight.tip_in_probe,
             reference_px: sight.reference_px,
             plane_to_tip_m: sight.plane_to_tip_m,
             visible: truth::visible(
                 &model.scenario.probe,
                 &model.contact,
-                &state.world_from_probe,
+                &state.timeline,
+                &phantom_from_probe,
                 &sight.tip_in_probe,
             ),
-            depth_m,
+            depth_m: state.feed.depth_m,
             feed_m_s: state.feed.speed_m_s,
             contact_force_n: state.touch.force_n,
-            target_distance_m: (sight.tip_in_world - model.target_in_phantom).norm(),
+            needle_force_n: model.resistance.force_n(&state.passage),
+            target_distance_m: (sight.tip_in_phantom - target_in_phantom).norm(),
             min_joint_margin_rad: model.arm.chain.margin_rad(state.arm.angles_rad()),
             collision: state.nearest_m.is_some_and(|distance_m| distance_m <= 0.0),
         }
@@ -247,6 +302,16 @@ impl World {
 }
 
 impl State {
+    fn phantom_from_probe(&self) -> Pose {
+        self.world_from_phantom.inverse() * self.world_from_probe
+    }
+
+    /// How far along its path in the phantom the tip would be if nothing stopped it: the robot holds the needle, and a
+    /// phantom that moves slides along it.
+    fn free_tip_m(&self, model: &Model) -> f64 {
+        self.feed.depth_m - model.path.axis_at_entry().dot(&self.world_from_phantom.translation.vector)
+    }
+
     fn event(&mut self, kind: EventKind, detail: impl Into<String>) {
         self.events.push(Event { tick: self.tick, kind, detail: detail.into() });
     }
@@ -269,12 +334,14 @@ impl State {
         let scenario = &model.scenario;
         self.tick += 1;
         self.timeline.step(&scenario.disturbances, self.tick, &mut self.events);
+        self.world_from_phantom.translation.vector = self.timeline.phantom_shift_m(self.tick);
         while let Some(command) = self.inbox.pop_due(self.tick) {
             self.obey(model, &command);
         }
         self.watch_for_silence(scenario.needle_robot.watchdog_ticks);
         self.feed_needle(model);
-        if self.tick.is_multiple_of(CONTROL_TICKS) {
+        self.arm.stall(&model.arm, self.timeline.arm_stalled());
+        if self.tick.is_multiple_of(CONTROL_TICKS) && !self.timeline.arm_stalled() {
             self.control_arm(model);
         }
         self.arm.step(&model.arm);
@@ -284,7 +351,8 @@ impl State {
         }
         self.world_from_probe =
             scenario.arm.world_from_base * self.arm.base_from_flange() * self.flange_from_probe;
-        self.touch.step(&model.contact, &self.world_from_probe);
+        self.pass_through(model);
+        self.touch.step(&model.contact, &self.phantom_from_probe());
         if self.press.watch(self.touch.force_n) {
             let detail = format!(
                 "contact force {:.1} N is above {:.1} N; the probe retreats",
@@ -301,6 +369,9 @@ impl State {
             self.arm.keep_target();
             return;
         };
+        if self.timeline.arm_stalled() {
+            return;
+        }
         let was_unreachable = self.arm.status() == ArmStatus::Unreachable;
         if let Err(why) = self.arm.set_target(&model.arm, target)
             && !was_unreachable
@@ -324,7 +395,7 @@ impl State {
 
     fn feed_needle(&mut self, model: &Model) {
         let moved_before = self.feed.speed_m_s > 0.0;
-        if self.needle_blocked {
+        if self.needle_blocked || self.needle_overloaded {
             self.feed.wanted_m_s = 0.0;
         }
         self.feed.step(&model.feed_limits);
@@ -343,10 +414,29 @@ impl State {
         }
     }
 
+    /// What the tip meets: a face that it pierces, or more force than the needle robot takes.
+    fn pass_through(&mut self, model: &Model) {
+        let free_tip_m = self.free_tip_m(model);
+        if self.passage.step(&model.resistance, free_tip_m) {
+            let depth_mm = self.passage.tip_m * 1e3;
+            self.event(EventKind::Puncture, format!("the tip pierces a face at {depth_mm:.2} mm"));
+        }
+        let force_n = model.resistance.force_n(&self.passage);
+        let max_force_n = model.scenario.needle_robot.max_force_n;
+        if force_n > max_force_n && !self.needle_overloaded {
+            self.needle_overloaded = true;
+            let detail = format!(
+                "{force_n:.1} N on the needle at {:.2} mm, {max_force_n:.1} N are allowed; it stops for good",
+                self.passage.tip_m * 1e3
+            );
+            self.event(EventKind::NeedleBlocked, detail);
+        }
+    }
+
     fn control_arm(&mut self, model: &Model) {
         let input = PressInput {
             force_n: self.touch.force_n,
-            centre_indentation_m: model.contact.centre_indentation_m(&self.world_from_probe),
+            centre_indentation_m: model.contact.centre_indentation_m(&self.phantom_from_probe()),
             press_m: self.arm.press_m(),
             lift_m: self.timeline.lift_m(),
         };

@@ -1,8 +1,11 @@
 use sonoloop_scenario::{Bound, Scenario};
-use sonoloop_types::ImageGeometry;
+use sonoloop_types::{ImageGeometry, TICKS_PER_SECOND};
 
 /// Silent loss that a success allows when the scenario bounds none.
 const DEFAULT_SILENT_LOSS_S: f64 = 0.5;
+
+/// A stop takes effect within this after the command's delay.
+const STOP_TICKS: u64 = 40;
 
 /// What the metrics need to know of the experiment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +20,8 @@ pub struct Facts {
     pub max_contact_force_n: f64,
     /// Success: silent loss at most this long.
     pub silent_loss_bound_s: f64,
+    /// Success: after a declared loss the needle stands at the latest after this.
+    pub stop_bound_s: f64,
 }
 
 impl Facts {
@@ -32,6 +37,14 @@ impl Facts {
             target_tolerance_m: scenario.insertion.target_tolerance_m,
             max_contact_force_n: scenario.limits.max_contact_force_n,
             silent_loss_bound_s: bounded.unwrap_or(DEFAULT_SILENT_LOSS_S),
+            stop_bound_s: stop_bound_s(scenario),
         }
     }
+}
+
+/// The contract's: the delay of the command, one image, and the needle robot's deceleration from its fastest feed.
+fn stop_bound_s(scenario: &Scenario) -> f64 {
+    let robot = &scenario.needle_robot;
+    let ticks = scenario.delays.command_ticks + STOP_TICKS;
+    ticks as f64 / TICKS_PER_SECOND as f64 + robot.max_feed_m_s / robot.max_acceleration_m_s2
 }

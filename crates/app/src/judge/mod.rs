@@ -5,6 +5,7 @@ mod facts;
 mod loss;
 mod metrics;
 mod recovery;
+mod stop;
 #[cfg(test)]
 pub(crate) mod test_recording;
 #[cfg(test)]

@@ -11,7 +11,7 @@ use crate::record::{ImageRow, Recording, TickRow, Timing};
 /// Ticks between the images of these recordings.
 pub(crate) const PERIOD: u64 = 40;
 
-/// 0.1 mm per pixel, 25 images per second, 1 mm tolerance, 10 N, 0.5 s.
+/// 0.1 mm per pixel, 25 images per second, 1 mm tolerance, 10 N, 0.5 s of silence, 0.1 s to stop.
 pub(crate) fn facts() -> Facts {
     Facts {
         geometry: ImageGeometry::default(),
@@ -19,6 +19,7 @@ pub(crate) fn facts() -> Facts {
         target_tolerance_m: 1e-3,
         max_contact_force_n: 10.0,
         silent_loss_bound_s: 0.5,
+        stop_bound_s: 0.1,
     }
 }
 
@@ -30,6 +31,7 @@ pub(crate) fn tick_row(tick: u64, visible: bool) -> TickRow {
         depth_m: 0.0,
         feed_m_s: 0.0,
         contact_force_n: 5.0,
+        needle_force_n: 0.5,
         min_joint_margin_rad: 0.5,
         target_distance_m: 0.0,
         collision: false,
@@ -66,6 +68,7 @@ pub(crate) fn image_row(sequence: u64, visible: bool, state: Option<TrackState>,
             depth_m: 0.0,
             feed_m_s: 0.0,
             contact_force_n: 5.0,
+            needle_force_n: 0.5,
             target_distance_m: 0.0,
             min_joint_margin_rad: 0.5,
             collision: false,

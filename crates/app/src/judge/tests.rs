@@ -87,7 +87,7 @@ fn nothing_recorded_is_no_success() {
     let metrics = metrics(&recording(vec![], vec![]), &facts());
     assert!(!metrics.success);
     assert_eq!(metrics.silent_loss_s, None);
-    assert_eq!(metrics.max_contact_force_n, None);
+    assert_eq!((metrics.max_contact_force_n, metrics.max_needle_force_n), (None, None));
     assert_eq!(metrics.min_joint_margin_deg, None);
     assert_eq!(metrics.final_target_distance_mm, None);
 }
@@ -150,6 +150,29 @@ fn truth_travel_waits_for_the_needle_to_stand() {
     let metrics = metrics(&recording, &facts());
     close(metrics.detection_delay_s, 0.0);
     close(metrics.travel_after_loss_mm, 0.2);
+}
+
+#[test]
+fn truth_the_stop_is_timed_from_the_declared_loss() {
+    let mut recording = scripted("vv------", "TTTLRLLL");
+    // Declared with image 3 at tick 120; the needle rolls on to tick 183.
+    for row in recording.ticks.iter_mut().filter(|row| row.tick >= 120) {
+        row.feed_m_s = if row.tick < 183 { 0.010 } else { 0.0 };
+    }
+    let late = metrics(&recording, &facts());
+    close(late.stop_delay_s, 0.063);
+    assert!(metrics(&scripted("vvvv", "TTTT"), &facts()).stop_delay_s.is_none());
+    // Taken back after one image, before the needle stood: no stop was asked for any more.
+    let mut brief = scripted("vvvvvv", "TTTLTT");
+    brief.ticks.iter_mut().for_each(|row| row.feed_m_s = 0.010);
+    assert_eq!(metrics(&brief, &facts()).stop_delay_s, None);
+    // A needle that goes on counts to the end, and is no success.
+    let mut never = scripted("vvvvvv", "TTTLLL");
+    assert!(metrics(&never, &facts()).success);
+    never.ticks.iter_mut().for_each(|row| row.feed_m_s = 0.010);
+    let never = metrics(&never, &facts());
+    close(never.stop_delay_s, 0.119);
+    assert!(!never.success);
 }
 
 #[test]
@@ -264,10 +287,12 @@ fn a_claim_without_a_finite_position_covers_nothing() {
 fn truth_extremes_over_ticks() {
     let mut recording = scripted("vvv", "TTT");
     recording.ticks[50].contact_force_n = 7.5;
+    recording.ticks[70].needle_force_n = 1.25;
     recording.ticks[60].min_joint_margin_rad = std::f64::consts::PI / 180.0;
     recording.ticks.last_mut().unwrap().target_distance_m = 0.25e-3;
     let metrics = metrics(&recording, &facts());
     close(metrics.max_contact_force_n, 7.5);
+    close(metrics.max_needle_force_n, 1.25);
     close(metrics.min_joint_margin_deg, 1.0);
     close(metrics.final_target_distance_mm, 0.25);
 }

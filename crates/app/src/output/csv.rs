@@ -9,10 +9,10 @@ use crate::record::ImageRow;
 
 const IMAGE_COLUMNS: &str = "sequence,tick,publication_tick,image_hash,tip_u_px,tip_v_px,visible,\
     plane_offset_mm,estimate_u_px,estimate_v_px,state,reason,ncc_previous,ncc_anchor,brightness_ratio,\
-    tip_level,iterations,conditioning,depth_mm,feed_mm_s,feed_command_mm_s,force_n,arm_status,\
+    tip_level,iterations,conditioning,depth_mm,feed_mm_s,feed_command_mm_s,force_n,needle_force_n,arm_status,\
     target_x_mm,target_y_mm,target_z_mm,target_qx,target_qy,target_qz,target_qw";
 
-/// One row per image. `tip_*` is the true reference point, `depth`, `feed` and `force` are true values, the
+/// One row per image. `tip_*` is the true reference point, `depth`, `feed` and both forces are true values, the
 /// target is `target_base_from_probe`; a field without a value is empty. Equal runs give equal bytes.
 pub fn images_csv(images: &[ImageRow]) -> String {
     let mut csv = format!("{IMAGE_COLUMNS}\n");
@@ -51,6 +51,7 @@ fn image_line(csv: &mut String, row: &ImageRow) {
         number(Some(truth.feed_m_s * 1e3)),
         number(row.command.map(|command| command.feed_m_s * 1e3)),
         number(Some(truth.contact_force_n)),
+        number(Some(truth.needle_force_n)),
         snake(&acquisition.arm_status),
     ];
     fields.extend((0..3).map(|axis| number(target.map(|pose| pose.translation.vector[axis] * 1e3))));
@@ -131,7 +132,7 @@ mod tests {
         command.target_base_from_probe = Some(Pose::translation(0.1, -0.2, 0.3));
         command.feed_m_s = 0.01;
         let expected = "2,80,80,0000000000000abc,100.000000,200.000000,1,0.000000,103.000000,204.000000,\
-            tracking,ok,0.750000,,,,0,,12.345679,0.000000,10.000000,5.000000,ready,100.000000,-200.000000,\
+            tracking,ok,0.750000,,,,0,,12.345679,0.000000,10.000000,5.000000,0.500000,ready,100.000000,-200.000000,\
             300.000000,0.000000,0.000000,0.000000,1.000000000"
             .replace("0.000000,0.000000,0.000000,1.", "0.000000000,0.000000000,0.000000000,1.");
         assert_eq!(images_csv(&[row]).lines().nth(1), Some(expected.as_str()));

@@ -50,6 +50,7 @@ pub(crate) fn scenario(geometry: ImageGeometry) -> Scenario {
             max_feed_m_s: 0.02,
             max_acceleration_m_s2: 0.5,
             max_depth_m: 0.1,
+            max_force_n: 8.0,
             watchdog_ticks: 200,
         },
         probe: probe(geometry),

@@ -14,7 +14,7 @@ use sonoloop_types::{Acquisition, Command, EndReason, Event, TrackState, Truth};
 pub struct TickRow {
     /// Tick of all values below.
     pub tick: u64,
-    /// The tip is within the slice, inside the picture, and the probe in contact.
+    /// The tip is within the slice, inside the picture, and enough of its aperture in contact.
     pub visible: bool,
     /// Signed distance of the tip from the plane.
     pub plane_to_tip_m: f64,
@@ -24,6 +24,8 @@ pub struct TickRow {
     pub feed_m_s: f64,
     /// True contact force along the probe's axis.
     pub contact_force_n: f64,
+    /// True force on the needle against the insertion.
+    pub needle_force_n: f64,
     /// Smallest distance of any joint to its limit; negative beyond it.
     pub min_joint_margin_rad: f64,
     /// Distance of the tip from the target.
@@ -41,6 +43,7 @@ impl From<&Truth> for TickRow {
             depth_m: truth.depth_m,
             feed_m_s: truth.feed_m_s,
             contact_force_n: truth.contact_force_n,
+            needle_force_n: truth.needle_force_n,
             min_joint_margin_rad: truth.min_joint_margin_rad,
             target_distance_m: truth.target_distance_m,
             collision: truth.collision,

@@ -75,6 +75,7 @@ pub(super) fn needle_robot(document: &Document) -> Result<NeedleRobotSpec, LoadE
         max_feed_m_s: m(raw.max_feed_mm_s),
         max_acceleration_m_s2: m(raw.max_acceleration_mm_s2),
         max_depth_m: m(raw.max_depth_mm),
+        max_force_n: raw.max_force_n,
         watchdog_ticks: ticks_of_ms(raw.watchdog_ms),
     })
 }

@@ -5,11 +5,13 @@ use sonoloop_types::{Acoustics, Pose};
 use super::named_file;
 use super::units::{m, m3, pose};
 use crate::document::Document;
-use crate::raw::{RawInclusion, RawMaterial, RawMaterials, RawPhantom};
-use crate::{Inclusion, LoadError, Material, PhantomSpec, Shape};
+use crate::raw::{RawInclusion, RawMaterial, RawMaterials, RawPassage, RawPhantom};
+use crate::{Inclusion, LoadError, Material, PassageSpec, PhantomSpec, Shape};
 
 /// How far a body may stand out of the block by rounding alone.
 const ROUNDING_M: f64 = 1e-9;
+/// A face may give way by this share of `drag_decay_mm`: at all of it tissue would fold over.
+const MOST_OF_DECAY: f64 = 0.8;
 
 /// The phantom with the materials that it uses, background first.
 pub(crate) fn phantom(document: &Document) -> Result<PhantomSpec, LoadError> {
@@ -26,7 +28,7 @@ pub(crate) fn phantom(document: &Document) -> Result<PhantomSpec, LoadError> {
             let path = file.source.path.display();
             return Err(document.fail(key, format!("must be a material of {path}: {}", names.join(", "))));
         };
-        materials.push(material(name, raw));
+        materials.push(material(&file, name, raw)?);
         Ok((materials.len() - 1) as u16)
     };
     let background = index_of("background", &raw.background)?;
@@ -50,11 +52,12 @@ pub(crate) fn phantom(document: &Document) -> Result<PhantomSpec, LoadError> {
 /// Every material of the file, by name.
 pub(crate) fn materials(document: &Document) -> Result<Vec<Material>, LoadError> {
     let raw: RawMaterials = document.typed()?;
-    Ok(raw.materials.iter().map(|(name, raw)| material(name, raw)).collect())
+    raw.materials.iter().map(|(name, raw)| material(document, name, raw)).collect()
 }
 
-fn material(name: &str, raw: &RawMaterial) -> Material {
-    Material {
+fn material(document: &Document, name: &str, raw: &RawMaterial) -> Result<Material, LoadError> {
+    let needle = raw.needle.map(|raw| passage(document, name, &raw)).transpose()?;
+    Ok(Material {
         name: name.to_owned(),
         acoustics: Acoustics {
             sound_speed_m_s: raw.sound_speed_m_s,
@@ -64,8 +67,35 @@ fn material(name: &str, raw: &RawMaterial) -> Material {
             backscatter_db: raw.backscatter_db,
         },
         youngs_modulus_pa: raw.youngs_modulus_kpa.map(|kpa| kpa * 1000.0),
-        needle_friction_n_m: raw.needle_friction_n_m,
+        needle,
+    })
+}
+
+fn passage(document: &Document, material: &str, raw: &RawPassage) -> Result<PassageSpec, LoadError> {
+    let fail = |key: &str, message: String| {
+        Err(document.fail(&format!("materials.{material}.needle.{key}"), message))
+    };
+    if raw.puncture_n < raw.cutting_n {
+        return fail("puncture_n", format!("must be at least cutting_n = {}", raw.cutting_n));
     }
+    let passage = PassageSpec {
+        friction_n_m: raw.friction_n_m,
+        cutting_n: raw.cutting_n,
+        puncture_n: raw.puncture_n,
+        stiffness_n_m: raw.stiffness_n_m,
+        stiffening_n_m2: raw.stiffening_n_m2,
+        drag_decay_m: m(raw.drag_decay_mm),
+        bending: raw.bending,
+    };
+    let (dent_mm, most_mm) = (passage.dent_m(0.0) * 1000.0, MOST_OF_DECAY * raw.drag_decay_mm);
+    if dent_mm > most_mm {
+        let message = format!(
+            "is reached when the face has given way by {dent_mm:.1} mm; that must be at most {most_mm:.1} mm, {MOST_OF_DECAY} of \
+             drag_decay_mm"
+        );
+        return fail("puncture_n", message);
+    }
+    Ok(passage)
 }
 
 fn shape(document: &Document, key: &str, raw: &RawInclusion) -> Result<Shape, LoadError> {

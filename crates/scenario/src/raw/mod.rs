@@ -12,7 +12,7 @@ mod settings;
 mod timeline;
 
 pub(crate) use needle::RawNeedle;
-pub(crate) use phantom::{RawInclusion, RawMaterial, RawMaterials, RawPhantom};
+pub(crate) use phantom::{RawInclusion, RawMaterial, RawMaterials, RawPassage, RawPhantom};
 pub(crate) use probe::{RawPrecision, RawProbe};
 pub(crate) use robot::{RawNeedleRobot, RawOpw, RawPose, RawRobot};
 pub(crate) use scenario::{RawCalibration, RawDelays, RawInsertion, RawPlacement, RawScenario, RawView};

@@ -122,9 +122,36 @@ pub(crate) struct RawMaterial {
     #[serde(deserialize_with = "Option::deserialize")]
     #[schemars(required)]
     pub youngs_modulus_kpa: Option<f64>,
-    /// Friction on the shaft of a 22G needle per buried length; null where no needle goes in.
-    #[garde(range(min = 0.0, max = 1000.0))]
+    /// How a needle gets through; null where none does.
+    #[garde(dive)]
     #[serde(deserialize_with = "Option::deserialize")]
     #[schemars(required)]
-    pub needle_friction_n_m: Option<f64>,
+    pub needle: Option<RawPassage>,
+}
+
+/// How a material lets a needle through. Forces are those on a 22G needle; others scale with the diameter.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawPassage {
+    /// Friction on the shaft per buried length.
+    #[garde(range(min = 0.0, max = 1000.0))]
+    pub friction_n_m: f64,
+    /// Force on the tip while it cuts.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub cutting_n: f64,
+    /// Force on the tip at which it pierces the material's face; at least `cutting_n`.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub puncture_n: f64,
+    /// a₁ of the force a₁x + a₂x² on a face that has given way by x.
+    #[garde(range(min = 0.0, max = 1e6))]
+    pub stiffness_n_m: f64,
+    /// a₂ of the same.
+    #[garde(range(min = 0.0, max = 1e9))]
+    pub stiffening_n_m2: f64,
+    /// Distance from the tip at which 1/e of what it carries along is left.
+    #[garde(range(min = 0.1, max = 100.0))]
+    pub drag_decay_mm: f64,
+    /// Share of the needle's own curvature that its bevel steers into here; 0 is straight on.
+    #[garde(range(min = 0.0, max = 10.0))]
+    pub bending: f64,
 }

@@ -94,6 +94,9 @@ pub(crate) struct RawNeedleRobot {
     /// Longest insertion.
     #[garde(range(min = 1.0, max = 500.0))]
     pub max_depth_mm: f64,
+    /// Feed stops for good when the force on the needle exceeds this.
+    #[garde(range(min = 0.1, max = 200.0))]
+    pub max_force_n: f64,
     /// Feed stops when no valid command came for this long.
     #[garde(range(min = 1, max = 10000))]
     pub watchdog_ms: u64,

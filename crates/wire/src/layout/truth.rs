@@ -42,6 +42,8 @@ pub struct TruthMessage {
     pub target_distance_m: f64,
     /// Smallest distance of any joint to its limit.
     pub min_joint_margin_rad: f64,
+    /// Force on the needle against the insertion.
+    pub needle_force_n: f64,
 }
 
 impl TruthMessage {
@@ -65,6 +67,7 @@ impl TruthMessage {
             contact_force_n: truth.contact_force_n,
             target_distance_m: truth.target_distance_m,
             min_joint_margin_rad: truth.min_joint_margin_rad,
+            needle_force_n: truth.needle_force_n,
         }
     }
 
@@ -89,6 +92,7 @@ impl TruthMessage {
             contact_force_n: self.contact_force_n,
             target_distance_m: self.target_distance_m,
             min_joint_margin_rad: self.min_joint_margin_rad,
+            needle_force_n: self.needle_force_n,
             collision: decode_bool(self.collision, "collision")?,
         };
         Ok((truth, decode_bool(self.held, "held")?))
