@@ -73,7 +73,8 @@ impl Controller {
     /// A controller that has seen nothing yet.
     pub fn new(setup: Setup, kind: ControllerKind) -> Self {
         let servo = Servo::new(setup.clone());
-        Self { setup, eyes: kind.into(), servo, frozen: Frozen::default() }
+        let frozen = Frozen::new(setup.tracker.confirmation_images);
+        Self { setup, eyes: kind.into(), servo, frozen }
     }
 
     /// A controller that goes on from the bytes of [`Self::checkpoint`]; its tracker begins LOST, or SEARCHING where it had
@@ -85,7 +86,8 @@ impl Controller {
             None => kind.into(),
         };
         let servo = Servo::restore(setup.clone(), saved.servo);
-        Ok(Self { setup, eyes, servo, frozen: Frozen::default() })
+        let frozen = Frozen::new(setup.tracker.confirmation_images);
+        Ok(Self { setup, eyes, servo, frozen })
     }
 
     /// All that a restarted controller needs, as bytes that mean nothing to anybody else.
@@ -106,7 +108,7 @@ impl Controller {
             Some(command) => command,
             None => {
                 let estimate = self.look(acquisition, image);
-                let command = self.servo.answer(acquisition, &estimate);
+                let command = self.frozen.confirm(self.servo.answer(acquisition, &estimate));
                 self.frozen.remember(acquisition, image, &command);
                 command
             }

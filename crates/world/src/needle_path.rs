@@ -111,11 +111,6 @@ impl Path {
         }
     }
 
-    /// Direction of the needle where it enters.
-    pub(crate) fn axis_at_entry(&self) -> Vector {
-        self.pose_at(0.0).rotation * Vector::z()
-    }
-
     /// The pieces, by ascending depth.
     pub(crate) fn pieces(&self) -> &[Piece] {
         &self.pieces

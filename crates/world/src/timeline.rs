@@ -41,9 +41,6 @@ pub(crate) struct Timeline {
     garbage_until: u64,
 }
 
-/// A shadow that takes more than this there and back hides a tip: as for the slice, whose thickness is that to −6 dB.
-const HIDING_DB: f64 = 6.0;
-
 /// A part of the array that is not as it should be, in its own coordinate.
 #[derive(Debug, Clone, Copy)]
 struct Cover {
@@ -254,9 +251,10 @@ impl Timeline {
         self.covering(x_m).fold(0.0, |loss_db, cover| loss_db + cover.loss_db)
     }
 
-    /// True where gel or a shadow keeps a tip from being seen.
-    pub(crate) fn hides(&self, x_m: f64) -> bool {
-        self.gap_m(x_m) > 0.0 || self.loss_db(x_m) > HIDING_DB
+    /// Amplitude that lost gel and shadows let through one way at a place along the array, 0…1.
+    pub(crate) fn through(&self, x_m: f64) -> f64 {
+        // Half of the loss each way.
+        if self.gap_m(x_m) > 0.0 { 0.0 } else { libm::pow(10.0, -self.loss_db(x_m) / 40.0) }
     }
 
     fn covering(&self, x_m: f64) -> impl Iterator<Item = &Cover> {

@@ -35,9 +35,9 @@ pub(crate) fn sight(scenario: &Scenario, path: &Path, probe_from_phantom: &Pose,
     Sight { tip_in_phantom, tip_in_probe, reference_px, plane_to_tip_m }
 }
 
-/// Visible: the tip within half the −6 dB slice thickness of the plane, inside the picture and under the array, the picture
-/// one of now, and as much of the aperture that images the tip in contact and not shadowed as leaves −6 dB of its echo:
-/// sent and heard by a share s, s² of its amplitude.
+/// Visible: the tip within half the −6 dB slice thickness of the plane, inside the picture and under the array, and as much
+/// of the aperture that images it in contact as leaves −6 dB of its echo: sent and heard by a share s, s² of its amplitude.
+/// An element in a shadow counts by the amplitude that it lets through one way. A picture that stands shows nothing.
 pub(crate) fn visible(
     probe: &ProbeSpec,
     contact: &Contact,
@@ -54,15 +54,16 @@ pub(crate) fn visible(
     }
     // The aperture grows with depth; near the face the element above the tip remains.
     let reach_m = (0.5 * tip_in_probe.z / probe.f_number).max(probe.pitch_m / 2.0);
-    let (mut active, mut touching) = (0u32, 0u32);
+    let (mut active, mut through) = (0.0, 0.0);
     for x_m in (0..probe.elements).map(|element| element_x_m(probe, element)) {
         if (x_m - tip_in_probe.x).abs() <= reach_m {
-            active += 1;
-            touching += u32::from(contact.gap_m(phantom_from_probe, x_m) == 0.0 && !timeline.hides(x_m));
+            active += 1.0;
+            let touches = contact.gap_m(phantom_from_probe, x_m) == 0.0;
+            through += if touches { timeline.through(x_m) } else { 0.0 };
         }
     }
-    // s² ≥ ½, in whole numbers.
-    2 * touching * touching >= active * active
+    // s² ≥ ½.
+    2.0 * through * through >= active * active
 }
 
 #[cfg(test)]
@@ -78,7 +79,7 @@ mod tests {
         let (mut probe, phantom) = (fixture::probe(), fixture::phantom());
         probe.f_number = 2.0;
         let contact = Contact::new(&probe, &phantom);
-        let undisturbed = Timeline::new(&fixture::scenario().delays);
+        let timeline = Timeline::new(&fixture::scenario().delays);
         let tip = Point::new(0.0, 0.0, 20e-3);
         // 5 mm of aperture to either side; 0.707 of it touches while contact begins left of 5 − 7.07 mm.
         let edge_m = 5e-3 - 10e-3 * std::f64::consts::FRAC_1_SQRT_2;
@@ -91,7 +92,7 @@ mod tests {
             let centre = -along * begins_m;
             let pose = Pose::from_parts(Vector::new(0.0, 0.0, centre.z).into(), rotation);
             assert!(along.z < 0.0, "the right end is pressed in");
-            assert_eq!(visible(&probe, &contact, &undisturbed, &pose, &tip), expected, "{begins_m}");
+            assert_eq!(visible(&probe, &contact, &timeline, &pose, &tip), expected, "{begins_m}");
         }
     }
 }
