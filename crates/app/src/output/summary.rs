@@ -57,7 +57,7 @@ impl Summary {
     }
 }
 
-/// Medians and totals of [`Timing`].
+/// Medians and totals of a run's [`Timing`](crate::record::Timing).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TimingSummary {
     /// Median time to render an image.
