@@ -58,6 +58,13 @@ impl Scene {
         }
     }
 
+    /// Moves the needle sideways.
+    pub fn move_needle(&mut self, by_m: f64) {
+        for point in self.needle.iter_mut().flat_map(|needle| &mut needle.centreline_in_phantom) {
+            point.y += by_m;
+        }
+    }
+
     /// Renders the next image from a pose.
     pub fn render(&mut self, phantom_from_probe: Pose) -> &Image {
         let at = phantom_from_probe.translation.vector;
@@ -75,9 +82,11 @@ impl Scene {
             needle: self.needle.clone(),
             needle_gain_db: 0.0,
             element_gap_m: vec![0.0; self.elements],
+            element_loss_db: Vec::new(),
             indentation: (self.press_m > 0.0).then_some(indentation),
             drag: None,
             gain_db: 0.0,
+            noise_gain_db: 0.0,
         };
         self.sequence += 1;
         self.renderer.render(&slice, &mut self.image);

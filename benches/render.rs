@@ -78,6 +78,20 @@ fn pressed<const THREADS: usize>(bencher: Bencher) {
     });
 }
 
+/// The probe rests, pressing by so many millimetres, and the needle moves.
+#[divan::bench(args = [0.0, 2.0], consts = [1, 2], sample_count = 60)]
+fn needle_only<const THREADS: usize>(bencher: Bencher, press_mm: f64) {
+    let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("threads");
+    let mut scene = Scene::new(Some(40.0), Precision::Usual);
+    scene.press_m = press_mm * 1e-3;
+    let mut pose = pose([0.0, 0.0], 0.0, [0.0, 0.0]);
+    pose.translation.vector.z = -scene.press_m;
+    bencher.bench_local(|| {
+        scene.move_needle(1e-7);
+        pool.install(|| scene.render(pose).pixels[0])
+    });
+}
+
 /// Only the electronic noise changes.
 #[divan::bench(consts = [1, 2], sample_count = 60)]
 fn at_rest<const THREADS: usize>(bencher: Bencher) {

@@ -54,6 +54,31 @@ fn a_killed_tracker_gives_the_same_bytes_however_it_is_run() {
     compare("scenarios/faults/tracker_killed.yaml");
 }
 
+/// Where nothing but who answers can differ: two processes against one.
+#[test]
+fn faults_give_the_same_bytes_with_and_without_a_wire() {
+    for fault in ["tracker_hung", "tracker_garbage", "frozen_images", "dropped_images"] {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let scenario = format!("scenarios/faults/{fault}.yaml");
+        let [two, one] = [&[][..], &["--in-process"]].map(|extra: &[&str]| {
+            let out = folder.path().join(format!("{}", extra.len()));
+            let mut command = program();
+            command.args(["run", &scenario, "--json", "--seed", "1", "--out"]).arg(&out).args(extra);
+            let finished = finish(start(command));
+            assert!(finished.code() < 2, "{fault}: {}", finished.stderr);
+            let read = |name: &str| std::fs::read_to_string(out.join(name)).expect(name);
+            let (images, events) = (read("images.csv"), read("events.csv"));
+            assert!(
+                images.lines().count() > 60,
+                "{fault}: with half of them lost there are still so many images"
+            );
+            (images, events)
+        });
+        assert_same(&two.0, &one.0, fault);
+        assert_same(&two.1, &one.1, fault);
+    }
+}
+
 #[test]
 fn another_seed_gives_other_bytes() {
     let folder = tempfile::tempdir().expect("temporary folder");

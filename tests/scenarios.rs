@@ -140,6 +140,28 @@ fn a_killed_tracker_stops_the_needle_until_it_is_back() {
     assert!(events.contains("target_reached"), "{events}");
 }
 
+/// The needle is safe by itself while nobody answers, or nothing that makes sense, and goes on afterwards.
+#[test]
+fn a_tracker_that_hangs_or_sends_garbage_stops_the_needle_until_it_is_sound_again() {
+    for (fault, begins) in [("tracker_hung", "hangs"), ("tracker_garbage", "garbage")] {
+        let file = common::file(&format!("scenarios/faults/{fault}.yaml"));
+        let finished = run(&file, Some(0), ControllerKind::Tracker);
+        assert!(finished.passed(), "{fault}: {}", finished.failed().join(", "));
+        let events = &finished.events;
+        let at = |kind| events.iter().find(|event| event.kind == kind).map(|event| event.tick);
+        let began = events.iter().find(|event| event.detail.contains(begins)).expect(begins).tick;
+        let watchdog = at(EventKind::Watchdog).expect("the watchdog");
+        let stopped = at(EventKind::NeedleStopped).expect("a stop");
+        let resumed = at(EventKind::NeedleResumed).expect("it goes on");
+        // The last sound command came up to one image before; from 10 mm/s at 100 mm/s² the needle brakes for 100 ms.
+        assert!((began + 160..=began + 202).contains(&watchdog), "{fault}: {began}, {watchdog}");
+        assert!(stopped <= watchdog + 101 && stopped < resumed, "{fault}: {stopped}, {resumed}");
+        let refused = events.iter().filter(|event| event.kind == EventKind::CommandRefused);
+        let expected = if fault == "tracker_hung" { 0..=0 } else { 10..=51 };
+        assert!(expected.contains(&refused.count()), "{fault}");
+    }
+}
+
 /// A scenario that a tracker passes without looking at the picture tests nothing.
 #[test]
 fn the_null_trackers_fail_every_scenario() {

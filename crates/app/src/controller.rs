@@ -10,6 +10,7 @@ use sonoloop_tracker::{Checkpoint, Context, Tracker, snap_to_peak};
 use sonoloop_types::{Acquisition, Command, Estimate, Image, Init, Method, Reason, Setup, TrackState};
 
 use crate::first_fix::{first_fix, insertion_along};
+use crate::frozen::Frozen;
 use crate::null::Null;
 
 /// How far the operator's click may lie beside the tip: three standard deviations of a careful click.
@@ -46,6 +47,7 @@ pub struct Controller {
     setup: Setup,
     eyes: Eyes,
     servo: Servo,
+    frozen: Frozen,
 }
 
 /// Who looks at the pictures.
@@ -71,7 +73,8 @@ impl Controller {
     /// A controller that has seen nothing yet.
     pub fn new(setup: Setup, kind: ControllerKind) -> Self {
         let servo = Servo::new(setup.clone());
-        Self { setup, eyes: kind.into(), servo }
+        let frozen = Frozen::new(setup.tracker.confirmation_images);
+        Self { setup, eyes: kind.into(), servo, frozen }
     }
 
     /// A controller that goes on from the bytes of [`Self::checkpoint`]; its tracker begins LOST, or SEARCHING where it had
@@ -83,7 +86,8 @@ impl Controller {
             None => kind.into(),
         };
         let servo = Servo::restore(setup.clone(), saved.servo);
-        Ok(Self { setup, eyes, servo })
+        let frozen = Frozen::new(setup.tracker.confirmation_images);
+        Ok(Self { setup, eyes, servo, frozen })
     }
 
     /// All that a restarted controller needs, as bytes that mean nothing to anybody else.
@@ -99,8 +103,16 @@ impl Controller {
     /// The command that answers a picture.
     pub fn answer(&mut self, acquisition: &Acquisition, image: &Image) -> Command {
         let began = std::time::Instant::now();
-        let estimate = self.look(acquisition, image);
-        let command = self.servo.answer(acquisition, &estimate);
+        let looks = !matches!(self.eyes, Eyes::Null(_));
+        let command = match self.frozen.answer(acquisition, image).filter(|_| looks) {
+            Some(command) => command,
+            None => {
+                let estimate = self.look(acquisition, image);
+                let command = self.frozen.confirm(self.servo.answer(acquisition, &estimate));
+                self.frozen.remember(acquisition, image, &command);
+                command
+            }
+        };
         Command { compute_us: began.elapsed().as_secs_f32() * 1e6, ..command }
     }
 

@@ -12,6 +12,8 @@ pub mod commands;
 pub mod controller;
 pub mod error;
 pub mod first_fix;
+mod frozen;
+mod garbage;
 pub mod judge;
 pub mod null;
 pub mod output;

@@ -48,6 +48,15 @@ pub trait Peer {
     fn start(&mut self, setup: &Setup) -> Result<(), PeerError>;
     /// Hands over a picture and waits for its answer; `None` when nobody is there to answer.
     fn exchange(&mut self, acquisition: &Acquisition, image: &Image) -> Result<Option<Answer>, PeerError>;
+    /// Hands over a picture for which no answer is due.
+    fn show(&mut self, _acquisition: &Acquisition, _image: &Image) -> Result<(), PeerError> {
+        Ok(())
+    }
+    /// Lets the tracker hang, or lets it go on; a tracker that hangs is only shown pictures. One that cannot be stopped
+    /// keeps quiet because no answer is due.
+    fn hang(&mut self, _hung: bool) -> Result<(), PeerError> {
+        Ok(())
+    }
     /// Messages refused at the door since the last call that were no answer to the picture handed over.
     fn strays(&mut self) -> Vec<CommandReceipt> {
         Vec::new()

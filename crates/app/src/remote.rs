@@ -3,6 +3,7 @@
 use std::process::{Child, Command as Process, Stdio};
 use std::time::Duration;
 
+use rustix::process::{Pid, Signal, kill_process};
 use sonoloop_types::{Acquisition, CommandReceipt, EndReason, Image, Setup};
 use sonoloop_wire::{Answer as WireAnswer, Domain, SimEndpoint, Wait, WireError};
 
@@ -136,6 +137,19 @@ impl Peer for Remote {
         }
     }
 
+    fn show(&mut self, acquisition: &Acquisition, image: &Image) -> Result<(), PeerError> {
+        let endpoint = self.endpoint.as_mut().ok_or_else(never_started)?;
+        endpoint.publish_image(acquisition, image, false).map_err(fault)
+    }
+
+    /// SIGSTOP and SIGCONT. What the tracker finds when it wakes is not due to be answered, so it does not matter when it
+    /// stopped and when it woke.
+    fn hang(&mut self, hung: bool) -> Result<(), PeerError> {
+        let Some(child) = &self.child else { return Ok(()) };
+        let signal = if hung { Signal::STOP } else { Signal::CONT };
+        kill_process(Pid::from_child(child), signal).map_err(|e| PeerError::Fault(e.to_string()))
+    }
+
     fn strays(&mut self) -> Vec<CommandReceipt> {
         self.endpoint.as_ref().map_or_else(Vec::new, SimEndpoint::take_refusals)
     }
@@ -164,6 +178,8 @@ impl Peer for Remote {
             // A tracker that cannot be told notices that the domain is gone.
             let _ = endpoint.publish_end(reason);
         }
+        // One that hangs could not leave.
+        let _ = self.hang(false);
         let Some(mut child) = self.child.take() else { return };
         let step = Duration::from_millis(2);
         for _ in 0..LEAVE.as_millis() / step.as_millis() {

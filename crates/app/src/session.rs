@@ -6,12 +6,15 @@ use std::collections::VecDeque;
 use std::time::Instant;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario, add_disturbance};
-use sonoloop_types::{Acquisition, EndReason, Event, EventKind, Image, TrackState, Truth};
+use sonoloop_types::{Acquisition, Command, EndReason, Event, EventKind, Image, Refusal, TrackState, Truth};
 use sonoloop_ultrasound::Renderer;
+use sonoloop_wire::Answer as WireAnswer;
+use sonoloop_wire::layout::CommandMessage;
 use sonoloop_world::{World, WorldError};
 
+use crate::garbage::garbage;
 use crate::output::snake;
-use crate::peer::{Peer, PeerError};
+use crate::peer::{Answer, Peer, PeerError};
 use crate::record::{ImageRow, ImageStore, Recording, TickRow, Timing, image_hash};
 use crate::steering::Request;
 
@@ -42,11 +45,21 @@ impl Watch for Nobody {
 /// A picture on its way to the tracker.
 struct InFlight {
     publication_tick: u64,
-    sequence: u64,
     image: Image,
     hash: u64,
     truth: Truth,
     acquisition: Acquisition,
+}
+
+/// Whether the tracker answers.
+#[derive(Clone, Copy)]
+enum Tracker {
+    Up {
+        run_id: u64,
+    },
+    /// It is shown pictures.
+    Hung,
+    Down,
 }
 
 /// A scenario made ready: every check that needs the world has passed.
@@ -55,6 +68,8 @@ pub struct Session {
     world: World,
     renderer: Renderer,
     spare: Vec<Image>,
+    /// The picture handed out last.
+    shown: Option<Image>,
 }
 
 impl Session {
@@ -63,7 +78,7 @@ impl Session {
         let world = World::new(scenario)?;
         let renderer =
             Renderer::new(scenario.probe.clone(), scenario.needle.clone(), world.tissue(), scenario.seed);
-        Ok(Self { scenario: scenario.clone(), world, renderer, spare: Vec::new() })
+        Ok(Self { scenario: scenario.clone(), world, renderer, spare: Vec::new(), shown: None })
     }
 
     /// Runs to the end. The recording is whole up to the end whatever the reason; the error, when there is one,
@@ -105,7 +120,7 @@ impl Session {
         peer.start(&self.world.setup(run_id))?;
         let mut in_flight: VecDeque<InFlight> = VecDeque::new();
         let mut state = TrackState::Searching;
-        let mut down = false;
+        let (mut down, mut hung) = (false, false);
         let mut rest_ticks = 0;
         let mut was_fed = false;
         let mut sequence = 0;
@@ -119,6 +134,10 @@ impl Session {
             if self.world.tracker_down() != down {
                 down = !down;
                 if down { peer.kill()? } else { peer.restart()? }
+            }
+            if (self.world.tracker_hung() && !down) != hung {
+                hung = !hung;
+                peer.hang(hung)?;
             }
             if tick.is_multiple_of(self.scenario.image_period_ticks) {
                 if watch.interrupted() {
@@ -137,14 +156,26 @@ impl Session {
                     recording.timing.physics_ms.push(physics_ms);
                     physics_ms = 0.0;
                 }
-                let image = self.acquire(sequence, &mut recording.timing);
-                in_flight.push_back(image);
+                let last = in_flight.back().map(|last| &last.image);
+                let image = self.acquire(sequence, last, &mut recording.timing);
+                if self.world.drops_image(sequence) {
+                    self.spare.push(image.image);
+                } else {
+                    in_flight.push_back(image);
+                }
                 sequence += 1;
             }
             while in_flight.front().is_some_and(|i| i.publication_tick <= tick) {
                 let Some(mut due) = in_flight.pop_front() else { break };
                 due.publication_tick = tick;
-                let row = self.hand_out(due, down, peer, watch, recording)?;
+                let who = if down {
+                    Tracker::Down
+                } else if hung {
+                    Tracker::Hung
+                } else {
+                    Tracker::Up { run_id }
+                };
+                let row = self.hand_out(due, who, peer, watch, recording)?;
                 recording.timing.wall_s = began.elapsed().as_secs_f64() - held_s;
                 if let Some(command) = &row.command
                     && command.estimate.state != state
@@ -197,18 +228,21 @@ impl Session {
         }
     }
 
-    fn acquire(&mut self, sequence: u64, timing: &mut Timing) -> InFlight {
+    /// Takes a picture. `last` is the one before, where it has not been handed out yet.
+    fn acquire(&mut self, sequence: u64, last: Option<&Image>, timing: &mut Timing) -> InFlight {
         let tick = self.world.tick();
         let slice = self.world.slice(sequence);
         let geometry = self.scenario.probe.geometry;
         let mut image =
             self.spare.pop().unwrap_or_else(|| Image::black(geometry.width_px, geometry.height_px));
         let before = Instant::now();
-        self.renderer.render(&slice, &mut image);
+        match last.or(self.shown.as_ref()).filter(|_| self.world.images_frozen()) {
+            Some(last) => image.clone_from(last),
+            None => self.renderer.render(&slice, &mut image),
+        }
         timing.render_ms.push(before.elapsed().as_secs_f32() * 1e3);
         InFlight {
             publication_tick: tick + self.world.image_delay_ticks(),
-            sequence,
             hash: image_hash(&image),
             image,
             truth: self.world.truth(),
@@ -219,7 +253,7 @@ impl Session {
     fn hand_out(
         &mut self,
         due: InFlight,
-        down: bool,
+        tracker: Tracker,
         peer: &mut dyn Peer,
         watch: &mut dyn Watch,
         recording: &mut Recording,
@@ -227,22 +261,20 @@ impl Session {
         let acquisition = Acquisition { publication_tick: due.publication_tick, ..due.acquisition };
         self.world.note_published(&acquisition);
         let mut row = ImageRow { acquisition, hash: due.hash, truth: due.truth, command: None };
-        if !down {
-            let before = Instant::now();
-            if let Some(answer) = peer.exchange(&acquisition, &due.image)? {
-                let round_trip_us = before.elapsed().as_secs_f32() * 1e6;
-                match answer {
-                    Ok(command) => {
+        match tracker {
+            Tracker::Up { run_id } => {
+                let before = Instant::now();
+                if let Some(answer) = peer.exchange(&acquisition, &due.image)? {
+                    let round_trip_us = before.elapsed().as_secs_f32() * 1e6;
+                    if let Ok(command) = &answer {
                         recording.timing.track_us.push(command.compute_us);
                         recording.timing.wire_us.push((round_trip_us - command.compute_us).max(0.0));
-                        self.world.submit(&command);
-                        row.command = Some(command);
                     }
-                    Err(refusal) => {
-                        self.world.refuse(due.sequence, refusal);
-                    }
+                    row.command = self.take(answer, &acquisition, run_id);
                 }
             }
+            Tracker::Hung => peer.show(&acquisition, &due.image)?,
+            Tracker::Down => {}
         }
         for stray in peer.strays() {
             if let Some(refusal) = stray.refused {
@@ -255,8 +287,35 @@ impl Session {
                 .push(&due.image)
                 .map_err(|e| PeerError::Fault(format!("the pictures cannot be kept: {e}")))?;
         }
-        self.spare.push(due.image);
+        self.spare.extend(self.shown.replace(due.image));
         Ok(row)
+    }
+
+    /// Passes an answer on to the world, or what the scenario makes of it; returns what counts as the tracker's word.
+    fn take(&mut self, answer: Answer, image: &Acquisition, run_id: u64) -> Option<Command> {
+        match (answer, self.world.garbage(image.sequence)) {
+            (Ok(command), None) => {
+                self.world.submit(&command);
+                Some(command)
+            }
+            (Err(refusal), None) => {
+                self.world.refuse(image.sequence, refusal);
+                None
+            }
+            (answer, Some(words)) => {
+                let honest = answer.ok().map(|command| CommandMessage::encode(run_id, &command));
+                let message = garbage(&honest.unwrap_or_default(), &words, &self.scenario.limits);
+                match WireAnswer::read(&message, run_id, Some(image.sequence)) {
+                    WireAnswer::Command(command) => {
+                        self.world.submit(&command).refused.is_none().then_some(command)
+                    }
+                    WireAnswer::Refused(receipt) => {
+                        self.world.refuse(receipt.answers, receipt.refused.unwrap_or(Refusal::Malformed));
+                        None
+                    }
+                }
+            }
+        }
     }
 }
 

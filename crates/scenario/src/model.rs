@@ -351,6 +351,65 @@ pub enum DisturbanceKind {
         /// New image delay.
         image_ticks: u64,
     },
+    /// From now on commands take effect later.
+    CommandDelay {
+        /// New command delay, ≥ 1.
+        command_ticks: u64,
+    },
+    /// Gel is missing under a part of the array.
+    GelLost {
+        /// Left end along the array, from its middle.
+        from_m: f64,
+        /// Right end.
+        to_m: f64,
+        /// Air between elements and surface.
+        gap_m: f64,
+        /// How long until it is filled again.
+        duration_ticks: u64,
+    },
+    /// The receiver's electronic noise steps.
+    Noise {
+        /// New noise on top of the probe's own.
+        gain_db: f64,
+    },
+    /// Something between probe and surface takes sound from a part of the array.
+    Shadow {
+        /// Its middle along the array, from the array's.
+        x_m: f64,
+        /// Its length along the array.
+        width_m: f64,
+        /// Loss of sound that passes it there and back.
+        loss_db: f64,
+        /// How long it is there.
+        duration_ticks: u64,
+    },
+    /// The scanner hands out the last picture again; measurements go on.
+    FrozenImages {
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// Pictures are lost before they are published.
+    DroppedImages {
+        /// Share of them, 0…1; which, the seed draws.
+        share: f64,
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// The arm stops and obeys nothing, then goes on.
+    ArmStall {
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// The tracker gets images and does not answer.
+    TrackerHung {
+        /// How long.
+        duration_ticks: u64,
+    },
+    /// What the tracker sends is garbage, drawn from the seed.
+    TrackerGarbage {
+        /// How long.
+        duration_ticks: u64,
+    },
     /// The phantom moves.
     PhantomMoves(PhantomMotion),
 }

@@ -32,6 +32,9 @@ fn cases() -> Vec<Case> {
     cases
 }
 
+/// The knock of [`SCENARIO`], to put something else in its place.
+const KNOCK: &str = "probe_knock: {elevation_mm: 3, duration_s: 0.1}";
+
 fn scenario_cases() -> Vec<Case> {
     let s = SCENARIO;
     vec![
@@ -149,7 +152,7 @@ fn scenario_cases() -> Vec<Case> {
         // The timeline.
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
             "gain_change: {gain_db: 3}\n    lift_off: {height_mm: 3, duration_s: 1}",
             &["disturbances.0.at_s = 3:", "exactly one", "probe_knock"],
         ),
@@ -162,28 +165,90 @@ fn scenario_cases() -> Vec<Case> {
         case(s, "elevation_mm: 3,", "elevation_mm: 0,", &["disturbances.0.probe_knock", "must move"]),
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            "elevation_mm: 3,",
+            "roll_deg: 31,",
+            &["disturbances.0.probe_knock.roll_deg = 31", "at most 30"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "gel_lost: {from_mm: -120, to_mm: 5, gap_mm: 0.3, duration_s: 1}",
+            &["gel_lost.from_mm = -120", "at least -100"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "gel_lost: {from_mm: 5, to_mm: 5, gap_mm: 0.3, duration_s: 1}",
+            &["gel_lost.to_mm = 5", "above from_mm = 5"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "gel_lost: {from_mm: 0, to_mm: 5, gap_mm: 0, duration_s: 1}",
+            &["gel_lost.gap_mm = 0", "at least 0.001"],
+        ),
+        case(s, KNOCK, "noise: {gain_db: 70}", &["noise.gain_db = 70", "at most 60"]),
+        case(
+            s,
+            KNOCK,
+            "shadow: {x_mm: 0, width_mm: 0, loss_db: 20, duration_s: 1}",
+            &["shadow.width_mm = 0", "at least 0.1"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "shadow: {x_mm: 0, width_mm: 5, loss_db: -3, duration_s: 1}",
+            &["shadow.loss_db = -3", "at least 0.1"],
+        ),
+        case(s, KNOCK, "frozen_images: {duration_s: 0}", &["frozen_images.duration_s = 0", "at least 0.001"]),
+        case(s, KNOCK, "frozen_images: {duration_s: 38}", &["disturbances.0.at_s", "at most 2", "38 s"]),
+        case(
+            s,
+            KNOCK,
+            "dropped_images: {share: 1.5, duration_s: 1}",
+            &["dropped_images.share = 1.5", "at most 1"],
+        ),
+        case(s, KNOCK, "dropped_images: {share: 0.5}", &["disturbances.0", "missing field", "duration_s"]),
+        case(s, KNOCK, "command_delay: {command_ms: 0}", &["command_delay.command_ms = 0", "at least 1"]),
+        case(s, KNOCK, "arm_stall: {duration_s: 700}", &["arm_stall.duration_s = 700", "at most 600"]),
+        case(s, KNOCK, "tracker_hung: {down_s: 1}", &["tracker_hung.down_s", "unknown field", "duration_s"]),
+        case(
+            s,
+            KNOCK,
+            "tracker_garbage: {duration_s: -1}",
+            &["tracker_garbage.duration_s = -1", "at least 0.001"],
+        ),
+        case(
+            s,
+            KNOCK,
+            "tracker_hung: {duration_s: 1}\n    tracker_garbage: {duration_s: 1}",
+            &["exactly one", "tracker_hung"],
+        ),
+        case(
+            s,
+            "elevation_mm: 3,",
+            "roll_deg: 31,",
+            &["disturbances.0.probe_knock.roll_deg = 31", "at most 30"],
+        ),
+        case(
+            s,
+            KNOCK,
             "breathing: {z_mm: 25, period_s: 4}",
             &["disturbances.0.breathing.z_mm = 25", "at most 20"],
         ),
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
             "breathing: {z_mm: 2, period_s: 0.1}",
             &["disturbances.0.breathing.period_s = 0.1", "at least 0.5"],
         ),
         case(
             s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
+            KNOCK,
             "phantom_drift: {duration_s: 1}",
             &["disturbances.0.phantom_drift", "must move the phantom"],
         ),
-        case(
-            s,
-            "probe_knock: {elevation_mm: 3, duration_s: 0.1}",
-            "phantom_step: {x_mm: 1, duration_s: 38}",
-            &["disturbances.0.at_s = 3", "at most 2"],
-        ),
+        case(s, KNOCK, "phantom_step: {x_mm: 1, duration_s: 38}", &["disturbances.0.at_s = 3", "at most 2"]),
         case(s, "duration_s: 40", "duration_s: 3", &["disturbances.0.at_s", "at most 2.9", "duration_s = 3"]),
         // Randomize.
         case(
@@ -595,6 +660,23 @@ fn bad_overrides_are_told_with_their_origin() {
     for (set, says) in [
         ("servo.elevation_gain=-1", &["servo.elevation_gain = -1", "at least 0", "from --set"][..]),
         ("servo.elevatoin_gain=1", &["servo.elevatoin_gain", "unknown field", "from --set"]),
+        ("servo.slide_gain=51", &["servo.slide_gain = 51", "at most 50", "from --set"]),
+        ("servo.along_gain=-1", &["servo.along_gain = -1", "at least 0", "from --set"]),
+        ("servo.along_walk_mm=3", &["servo.along_walk_mm = 3", "at most 2", "from --set"]),
+        ("servo.tip_size_mm=11", &["servo.tip_size_mm = 11", "at most 10", "from --set"]),
+        ("servo.level_noise=0", &["servo.level_noise = 0", "at least 0.5", "from --set"]),
+        ("servo.lead_ms=2000", &["servo.lead_ms = 2000", "at most 1000", "from --set"]),
+        ("servo.arrived_mm=6", &["servo.arrived_mm = 6", "at most 5", "from --set"]),
+        ("servo.depth_margin_mm=60", &["servo.depth_margin_mm = 60", "at most 50", "from --set"]),
+        ("servo.search=guess", &["servo.search = \"guess\"", "elevation_then_yaw", "spiral", "from --set"]),
+        ("servo.look_s=-1", &["servo.look_s = -1", "at least 0", "from --set"]),
+        ("servo.confirm_s=0", &["servo.confirm_s = 0", "at least 0.04", "from --set"]),
+        ("servo.crest_levels=0", &["servo.crest_levels = 0", "at least 1", "from --set"]),
+        ("servo.candidate_reach_mm=101", &["servo.candidate_reach_mm = 101", "at most 100", "from --set"]),
+        (
+            "servo.max_search_force_n=9",
+            &["servo.max_search_force_n = 9", "max_contact_force_n = 8", "from --set"],
+        ),
         ("insertion.angle_deg=steep", &["insertion.angle_deg = \"steep\"", "from --set"]),
         ("tracker.template_px=20.5", &["tracker.template_px = 20.5", "from --set"]),
         ("tracker.blur_sigma_px=9", &["tracker.blur_sigma_px = 9", "at most 8", "from --set"]),

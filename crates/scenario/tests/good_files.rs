@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use sonoloop_scenario::{
     Bound, DisturbanceKind, FileKind, LoadOptions, METRICS, Scenario, load, load_text, schema,
 };
-use sonoloop_types::{Guess, Init, Method};
+use sonoloop_types::{Guess, Init, Method, SearchPattern, ServoSettings};
 
 fn with_seed(seed: u64) -> LoadOptions {
     LoadOptions { seed: Some(seed), ..LoadOptions::default() }
@@ -37,9 +37,9 @@ fn every_scenario_loads_for_many_seeds_and_expects_something() {
             let scenario = load(&path, &with_seed(seed)).unwrap_or_else(|error| panic!("{}", error.render()));
             assert_eq!(scenario.seed, seed);
             assert_eq!(scenario.name, path.file_stem().unwrap().to_string_lossy());
-            // Where something hard lies in the way no run can succeed, and the scenario says so.
-            let reachable = Bound::Is(scenario.name != "bone");
-            assert!(scenario.expect.iter().any(|e| e.metric == "success" && e.bound == reachable));
+            // Where something hard lies in the way, or there is nothing to find, failing is the honest end.
+            let success = Bound::Is(!["bone", "not_found"].contains(&scenario.name.as_str()));
+            assert!(scenario.expect.iter().any(|e| e.metric == "success" && e.bound == success));
             assert!(scenario.expect.iter().all(|e| METRICS.contains(&e.metric.as_str())));
         }
     }
@@ -138,6 +138,13 @@ fn a_profile_gives_way_to_single_settings() {
     assert_eq!(recovery(&with_set("tracker.method=baseline")).tracker.method, Method::Baseline);
     assert_eq!(recovery(&with_set("tracker.init=localize")).tracker.init, Init::Localize);
     assert_eq!(recovery(&with_set("servo.elevation_gain=0.8")).servo.elevation_gain_per_s, 0.8);
+}
+
+#[test]
+fn a_scenario_that_says_nothing_of_its_servo_has_the_defaults() {
+    assert_eq!(recovery(&LoadOptions::default()).servo, ServoSettings::default());
+    let spiral = recovery(&with_set("servo.search=spiral")).servo;
+    assert_eq!(spiral, ServoSettings { search: SearchPattern::Spiral, ..ServoSettings::default() });
 }
 
 #[test]

@@ -1,12 +1,6 @@
 //! How fast the needle goes in.
 
-use sonoloop_types::{Point, Setup};
-
-/// Beyond this much more than the nominal depth of the target the needle is never fed: the hidden errors of
-/// a calibration are millimetres, so farther means that the picture misleads.
-const DEPTH_MARGIN_M: f64 = 8e-3;
-/// The target counts as reached this close before it; the feed has become slower than any tracker's noise.
-const ARRIVED_M: f64 = 0.15e-3;
+use sonoloop_types::{Point, ServoSettings, Setup};
 
 /// Distance along the nominal needle axis from the tip (as seen, base frame) to the target, metres.
 pub fn remaining_m(setup: &Setup, tip_in_base: &Point) -> f64 {
@@ -14,8 +8,8 @@ pub fn remaining_m(setup: &Setup, tip_in_base: &Point) -> f64 {
 }
 
 /// True when the tip as seen stands at the target.
-pub fn arrived(remaining_m: f64) -> bool {
-    remaining_m <= ARRIVED_M
+pub fn arrived(settings: &ServoSettings, remaining_m: f64) -> bool {
+    remaining_m <= settings.arrived_m
 }
 
 /// Feed for a tip that is tracked and has `remaining_m` to go: full speed, then proportional to the rest.
@@ -25,13 +19,14 @@ pub fn arrived(remaining_m: f64) -> bool {
 pub fn feed_m_s(setup: &Setup, remaining_m: f64, travelled_since_m: f64, depth_m: Option<f64>) -> f64 {
     let servo = &setup.servo;
     let rest_m = remaining_m - travelled_since_m;
-    if arrived(rest_m) {
+    if arrived(servo, rest_m) {
         return 0.0;
     }
     let nominal_depth_m = (setup.target_in_base - setup.entry_in_base).dot(&setup.needle_axis_in_base);
-    if depth_m.is_some_and(|depth_m| depth_m > nominal_depth_m + DEPTH_MARGIN_M) {
+    if depth_m.is_some_and(|depth_m| depth_m > nominal_depth_m + servo.depth_margin_m) {
         return 0.0;
     }
     let full_m_s = servo.feed_m_s.min(setup.limits.max_feed_m_s);
+    // Without an approach the ratio is infinite.
     full_m_s * (rest_m / servo.approach_m).min(1.0)
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 /// Grey levels per neper of amplitude on a display of 60 dB: 8.686·255/60. The scanner's true dynamic range is not
 /// known here; a wrong one only scales the loop's gain.
-const GREY_PER_NEPER: f64 = 8.686 * 255.0 / 60.0;
+pub(crate) const GREY_PER_NEPER: f64 = 8.686 * 255.0 / 60.0;
 /// Fewest samples for a fit.
 const LEAST_SAMPLES: usize = 12;
 

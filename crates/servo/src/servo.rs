@@ -1,21 +1,20 @@
 use serde::{Deserialize, Serialize};
-use sonoloop_types::{Acquisition, Command, Estimate, Point, Pose, Reason, Setup, TrackState, Vector, View};
+use sonoloop_types::{
+    Acquisition, ArmStatus, Command, Estimate, Point, Pose, Reason, Setup, TrackState, Vector, View,
+};
 
+use crate::along::{self, Along, Lead};
+use crate::hold::Hold;
 use crate::search::{self, Offset, Search};
-use crate::{feed, follow, hold::Hold, predict};
+use crate::{feed, predict, slide};
 
-/// Share of the mean distance between wanted and measured plane that is fed back per picture (transverse).
-const LAG_GAIN: f64 = 0.08;
-/// Most that this correction may add up to.
-const LAG_LIMIT_M: f64 = 2e-3;
 /// A contact force below this share of the one at the start means that the probe is off the surface.
 const CONTACT_SHARE: f64 = 0.2;
 /// Below this the force at the start is noise (a liquid bears no probe), and contact cannot be judged by it.
 const LEAST_CONTACT_N: f64 = 0.2;
 
-/// A candidate farther than this from the last believed tip, in the picture, does not steer the sweep: a slip of the
-/// probe moves the picture by millimetres.
-const CANDIDATE_REACH_M: f64 = 6e-3;
+/// Standard deviation of what a hand moves the needle in one image beyond what was foreseen; there is no depth then.
+const HAND_WALK_M: f64 = 0.15e-3;
 
 /// What the servo is doing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -47,17 +46,28 @@ struct Last {
     tip_px: [f64; 2],
 }
 
+/// What a transverse view measures once: where the tip was when the operator clicked on it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct FirstFix {
+    remaining_m: f64,
+    depth_m: f64,
+}
+
 /// All that changes in a servo; small, cloneable, and part of the tracker's checkpoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ServoState {
     mode: Mode,
     /// Pose that the plane is held at, base frame, before dither and search; `None` before the first picture.
     held: Option<Pose>,
-    /// Sum of all elevational corrections: the coordinate in which the hold's samples are kept.
+    /// Sum of all elevational corrections: the coordinate in which the samples of `hold` and `along` are kept.
     corrected_m: f64,
-    /// Correction of the arm's lag along y (transverse).
-    lag_m: f64,
     hold: Hold,
+    along: Along,
+    lead: Lead,
+    /// Speed along y of a tip whose depth is not measured (transverse).
+    hand_m_s: f64,
+    /// Way to the target and depth when the tip was first tracked (transverse).
+    first_fix: Option<FirstFix>,
     last: Option<Last>,
     first_force_n: f64,
     first_side: f64,
@@ -77,8 +87,11 @@ impl Servo {
             mode: Mode::Follow,
             held: None,
             corrected_m: 0.0,
-            lag_m: 0.0,
             hold: Hold::default(),
+            along: Along::default(),
+            lead: Lead::new(&setup.servo),
+            hand_m_s: 0.0,
+            first_fix: None,
             last: None,
             first_force_n: 0.0,
             first_side: 1.0,
@@ -137,10 +150,13 @@ impl Servo {
         let dt_s = self.setup.image_period_ticks as f64 / f64::from(self.setup.tick_rate_hz);
         let time_s = acquisition.acquisition_tick as f64 / f64::from(self.setup.tick_rate_hz);
 
-        self.change_mode(time_s, estimate);
+        let advanced_m = self.carry(acquisition, dt_s);
+        self.observe_along(acquisition, estimate);
+        self.change_mode(acquisition, time_s, estimate);
         // Only now: a search that has just succeeded moves it.
         let held = self.state.held.unwrap_or(acquisition.base_from_probe);
         let lost_tip = self.lost_tip_in_probe();
+        let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
             Mode::Search(search) => {
@@ -149,10 +165,11 @@ impl Servo {
                 let measured = offset_from(&held, &acquisition.base_from_probe, &lost_tip);
                 let candidate = estimate.state == TrackState::Recovering
                     && estimate.tip_px.is_some_and(|px| {
-                        (self.setup.geometry.probe_from_px(px) - lost_tip).norm() < CANDIDATE_REACH_M
+                        let off_m = (self.setup.geometry.probe_from_px(px) - lost_tip).norm();
+                        off_m < settings.candidate_reach_m
                     });
                 search.advance(
-                    &self.setup.servo,
+                    settings,
                     &search::View {
                         time_s,
                         dt_s,
@@ -160,12 +177,17 @@ impl Servo {
                         candidate,
                         level: estimate.tip_level,
                         in_contact,
+                        pressed_hard: acquisition.contact_force_n > settings.max_search_force_n,
                     },
                 );
                 (Some(displaced(&held, search.commanded, &lost_tip)), 0.0)
             }
+            // Behind an arm that does not obey the needle waits, and nothing adds up meanwhile.
+            Mode::Follow if matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision) => {
+                (Some(held), 0.0)
+            }
             Mode::Follow if estimate.state == TrackState::Tracking => {
-                self.follow(acquisition, estimate, held, time_s, dt_s)
+                self.follow(acquisition, estimate, held, advanced_m, time_s, dt_s)
             }
             Mode::Follow => (Some(held), 0.0),
         };
@@ -198,13 +220,36 @@ impl Servo {
         self.setup.geometry.probe_from_px(px.unwrap_or_default())
     }
 
-    fn change_mode(&mut self, time_s: f64, estimate: &Estimate) {
+    /// Transverse: carries the held plane along with the tip, whatever else is going on. Returns by how much, metres along y.
+    fn carry(&mut self, acquisition: &Acquisition, dt_s: f64) -> f64 {
+        let (View::Transverse, Some(held)) = (self.setup.view, self.state.held) else { return 0.0 };
+        let advanced_m = match (acquisition.depth_m, self.state.last.and_then(|l| l.depth_m)) {
+            (Some(now_m), Some(before_m)) => {
+                along::advance_m(&held, &self.setup.needle_axis_in_base, now_m - before_m)
+            }
+            (None, _) if self.state.mode == Mode::Follow => self.state.hand_m_s * dt_s,
+            _ => 0.0,
+        };
+        self.state.held = Some(held * Pose::translation(0.0, advanced_m, 0.0));
+        advanced_m
+    }
+
+    fn change_mode(&mut self, acquisition: &Acquisition, time_s: f64, estimate: &Estimate) {
         let gone = matches!(estimate.state, TrackState::Lost | TrackState::Recovering);
         match &self.state.mode {
             Mode::Follow if gone => {
                 let after_restart = estimate.reason == Reason::Restarted;
-                self.state.mode = Mode::Search(Search::new(time_s, self.state.first_side, after_restart));
+                if let (View::Transverse, Some(held)) = (self.setup.view, self.state.held) {
+                    let tip = self.lost_tip_in_probe();
+                    let off_m = offset_from(&held, &acquisition.base_from_probe, &tip).elevation_m;
+                    let ahead = self.state.along.beyond(self.state.corrected_m + off_m) >= 0.5;
+                    self.state.first_side = if ahead { 1.0 } else { -1.0 };
+                }
+                let first_side = self.state.first_side;
+                self.state.mode =
+                    Mode::Search(Search::new(&self.setup.servo, time_s, first_side, after_restart));
                 self.state.hold.reset();
+                self.state.hand_m_s = 0.0;
             }
             Mode::Search(search) if estimate.state == TrackState::Tracking => {
                 let tip = self.lost_tip_in_probe();
@@ -212,7 +257,8 @@ impl Servo {
                 if search.commanded.elevation_m != 0.0 {
                     self.state.first_side = search.commanded.elevation_m.signum();
                 }
-                self.state.lag_m = 0.0;
+                // The coordinate stays with the phantom: what is believed of the tip stays true.
+                self.state.corrected_m += search.commanded.elevation_m;
                 self.state.mode = Mode::Follow;
             }
             _ => {}
@@ -225,61 +271,123 @@ impl Servo {
         acquisition: &Acquisition,
         estimate: &Estimate,
         held: Pose,
+        advanced_m: f64,
         time_s: f64,
         dt_s: f64,
     ) -> (Option<Pose>, f64) {
         let Some(tip_px) = estimate.tip_px else { return (Some(held), 0.0) };
         let settings = self.setup.servo;
         let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
+        // An arm that does not follow would only wind the set point up.
+        let follows = !matches!(acquisition.arm_status, ArmStatus::Collision | ArmStatus::Unreachable);
 
-        let slide_m = follow::slide_m(&settings, &tip_in_probe, dt_s);
-        let fed_m = match (acquisition.depth_m, self.state.last.and_then(|l| l.depth_m)) {
-            (Some(now_m), Some(before_m)) => now_m - before_m,
-            _ => 0.0,
+        let measured_m = offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m;
+        let sigma_m = self.slice_sigma_m(tip_in_probe.z);
+        let dither_m =
+            settings.dither_m * libm::sin(std::f64::consts::TAU * time_s / settings.dither_period_s);
+        let (slide_m, correction_m) = match self.setup.view {
+            View::Lateral => (
+                slide::slide_m(&settings, &tip_in_probe, dt_s),
+                self.hold_plane(estimate, measured_m, sigma_m, time_s, dt_s),
+            ),
+            View::Transverse => {
+                self.state.lead.learn(-measured_m, advanced_m / dt_s);
+                (0.0, self.follow_along(acquisition.depth_m.is_none(), dt_s))
+            }
         };
-        let advance_m = match self.setup.view {
+        let held = if follows {
+            self.state.corrected_m += correction_m;
+            held * Pose::translation(slide_m, correction_m, 0.0)
+        } else {
+            held
+        };
+        self.state.held = Some(held);
+
+        let remaining_m = self.remaining_m(acquisition, &tip_in_probe);
+        let age_s = acquisition.publication_tick.saturating_sub(acquisition.acquisition_tick) as f64
+            / f64::from(self.setup.tick_rate_hz);
+        let since_m = acquisition.feed_m_s.unwrap_or(0.0) * age_s;
+        if feed::arrived(&settings, remaining_m - since_m) {
+            self.state.mode = Mode::Arrived;
+            return (Some(held), 0.0);
+        }
+        let feed_m_s = feed::feed_m_s(&self.setup, remaining_m, since_m, acquisition.depth_m);
+        // The set point leads by what the tip will do, so that the plane sets out together with it.
+        let lead_m = match self.setup.view {
             View::Lateral => 0.0,
-            View::Transverse => follow::advance_m(&held, &self.setup.needle_axis_in_base, fed_m),
+            View::Transverse if acquisition.depth_m.is_none() => self.state.lead.lead_m(self.state.hand_m_s),
+            View::Transverse => {
+                let along_y = along::advance_m(&held, &self.setup.needle_axis_in_base, feed_m_s);
+                self.state.lead.lead_m(along_y)
+            }
         };
+        let offset = Offset { elevation_m: lead_m + dither_m, yaw_rad: 0.0 };
+        (Some(displaced(&held, offset, &tip_in_probe)), feed_m_s)
+    }
 
-        let measured_m =
-            offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m - advance_m;
+    /// Lateral: correction of the plane's elevation from the dither, metres.
+    fn hold_plane(
+        &mut self,
+        estimate: &Estimate,
+        measured_m: f64,
+        sigma_m: f64,
+        time_s: f64,
+        dt_s: f64,
+    ) -> f64 {
+        let settings = &self.setup.servo;
         if let Some(level) = estimate.tip_level {
             let window_s = 2.0 * settings.dither_period_s;
             self.state.hold.push(time_s, self.state.corrected_m + measured_m, level, window_s);
         }
+        let Some(centre_m) = self.state.hold.centre_m(sigma_m) else { return 0.0 };
+        let wanted_m = (centre_m - self.state.corrected_m).clamp(-sigma_m, sigma_m);
+        if wanted_m != 0.0 {
+            self.state.first_side = wanted_m.signum();
+        }
+        (settings.elevation_gain_per_s * dt_s).min(1.0) * wanted_m
+    }
+
+    /// Transverse: correction of the plane along the needle from the belief about the tip, metres along y.
+    fn follow_along(&mut self, by_hand: bool, dt_s: f64) -> f64 {
+        let settings = &self.setup.servo;
+        let Some(tip_m) = self.state.along.tip_m(self.state.corrected_m) else { return 0.0 };
+        let wanted_m = tip_m - self.state.corrected_m;
+        let gain_per_s = settings.along_gain_per_s;
+        if by_hand {
+            // Critically damped: the integral gain is a quarter of the proportional one's square.
+            let speed_m_s = self.state.hand_m_s + 0.25 * gain_per_s * gain_per_s * wanted_m * dt_s;
+            self.state.hand_m_s = speed_m_s.clamp(0.0, settings.feed_m_s);
+        }
+        let most_m = settings.slide_speed_m_s * dt_s;
+        ((gain_per_s * dt_s).min(1.0) * wanted_m).clamp(-most_m, most_m)
+    }
+
+    /// Transverse: what the picture says about where the tip is along the needle, whether it is tracked or lost.
+    fn observe_along(&mut self, acquisition: &Acquisition, estimate: &Estimate) {
+        let (View::Transverse, Some(held)) = (self.setup.view, self.state.held) else { return };
+        let (Some(level), Some(tip_px)) = (estimate.tip_level, estimate.tip_px) else { return };
+        let settings = &self.setup.servo;
+        let by_hand = acquisition.depth_m.is_none();
+        let walk_m = if by_hand { settings.along_walk_m.max(HAND_WALK_M) } else { settings.along_walk_m };
+        let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
+        let off_m = offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m;
         let sigma_m = self.slice_sigma_m(tip_in_probe.z);
-        let correction_m = match self.state.hold.centre_m(sigma_m) {
-            Some(centre_m) => {
-                let wanted_m = (centre_m - self.state.corrected_m).clamp(-sigma_m, sigma_m);
-                if wanted_m != 0.0 {
-                    self.state.first_side = wanted_m.signum();
-                }
-                (settings.elevation_gain_per_s * dt_s).min(1.0) * wanted_m
+        self.state.along.observe(settings, self.state.corrected_m + off_m, level, sigma_m, walk_m);
+    }
+
+    /// Way to the target along the nominal needle, metres.
+    ///
+    /// A lateral picture measures it. A transverse one shows a cross-section wherever the plane is: there the
+    /// measured depth counts from where the tip was clicked on, so that a slip along the needle moves no target.
+    fn remaining_m(&mut self, acquisition: &Acquisition, tip_in_probe: &Point) -> f64 {
+        let seen_m = feed::remaining_m(&self.setup, &(acquisition.base_from_probe * tip_in_probe));
+        match (self.setup.view, acquisition.depth_m) {
+            (View::Transverse, Some(depth_m)) => {
+                let first = *self.state.first_fix.get_or_insert(FirstFix { remaining_m: seen_m, depth_m });
+                first.remaining_m - (depth_m - first.depth_m)
             }
-            None => 0.0,
-        };
-        self.state.corrected_m += correction_m;
-        if self.setup.view == View::Transverse {
-            self.state.lag_m = (self.state.lag_m - LAG_GAIN * measured_m).clamp(-LAG_LIMIT_M, LAG_LIMIT_M);
+            _ => seen_m,
         }
-
-        let held = held * Pose::translation(slide_m, advance_m + correction_m, 0.0);
-        self.state.held = Some(held);
-        let phase = std::f64::consts::TAU * time_s / settings.dither_period_s;
-        let elevation_m = self.state.lag_m + settings.dither_m * libm::sin(phase);
-        let target = displaced(&held, Offset { elevation_m, yaw_rad: 0.0 }, &tip_in_probe);
-
-        let tip_in_base = acquisition.base_from_probe * tip_in_probe;
-        let remaining_m = feed::remaining_m(&self.setup, &tip_in_base);
-        let age_s = acquisition.publication_tick.saturating_sub(acquisition.acquisition_tick) as f64
-            / f64::from(self.setup.tick_rate_hz);
-        let since_m = acquisition.feed_m_s.unwrap_or(0.0) * age_s;
-        if feed::arrived(remaining_m - since_m) {
-            self.state.mode = Mode::Arrived;
-            return (Some(held), 0.0);
-        }
-        (Some(target), feed::feed_m_s(&self.setup, remaining_m, since_m, acquisition.depth_m))
     }
 
     /// σ of the elevational beam at a depth, from the −6 dB widths of the set-up.
@@ -313,23 +421,14 @@ fn offset_from(held: &Pose, measured: &Pose, tip_in_probe: &Point) -> Offset {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use sonoloop_types::{ArmStatus, ImageGeometry, Limits, Profile, ServoSettings, TrackerSettings};
+    use sonoloop_types::{ImageGeometry, Limits, Profile, ServoSettings, TrackerSettings};
 
     pub(crate) fn settings() -> ServoSettings {
         ServoSettings {
-            feed_m_s: 10e-3,
-            approach_m: 1.5e-3,
-            lateral_deadband_m: 10e-3,
-            slide_speed_m_s: 12e-3,
             elevation_gain_per_s: 1.0,
-            dither_m: 0.15e-3,
             dither_period_s: 0.8,
-            sweep_speed_m_s: 5e-3,
-            sweep_reach_m: 7e-3,
-            yaw_reach_rad: 8.0_f64.to_radians(),
-            yaw_speed_rad_s: 10.0_f64.to_radians(),
-            max_search_travel_m: 60e-3,
             max_search_s: 20.0,
+            ..ServoSettings::default()
         }
     }
 
@@ -388,6 +487,20 @@ pub(crate) mod tests {
         assert!(matches!(servo.mode(), Mode::Search(_)));
         assert_eq!(servo.answer(&acquisition(2), &estimate(TrackState::Tracking)).feed_m_s, 10e-3);
         assert_eq!(*servo.mode(), Mode::Follow);
+    }
+
+    #[test]
+    fn behind_an_arm_that_does_not_obey_the_needle_waits_and_nothing_adds_up() {
+        let mut servo = Servo::new(setup(View::Lateral));
+        // Outside the dead band: an arm that obeys would be sent after it, farther with every image.
+        let aside = Estimate { tip_px: Some([460.0, 200.0]), ..estimate(TrackState::Tracking) };
+        for (k, arm_status) in (0..).zip([ArmStatus::Holding, ArmStatus::Collision, ArmStatus::Holding]) {
+            let command = servo.answer(&Acquisition { arm_status, ..acquisition(k) }, &aside);
+            assert_eq!((command.feed_m_s, command.target_base_from_probe), (0.0, Some(Pose::identity())));
+        }
+        let command = servo.answer(&acquisition(3), &aside);
+        assert_eq!(command.feed_m_s, 10e-3);
+        assert!(command.target_base_from_probe.unwrap().translation.x < 1e-3);
     }
 
     #[test]

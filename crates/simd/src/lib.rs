@@ -81,6 +81,22 @@ macro_rules! wide {
     };
 }
 
+/// Tells the CPU that values will be read soon, by lines of its caches; it may ignore that.
+#[inline(always)]
+pub fn prefetch(values: &[u32]) {
+    #[cfg(target_arch = "x86_64")]
+    for line in values.chunks(16) {
+        use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        #[expect(unsafe_code, reason = "the instruction takes a bare address")]
+        // SAFETY: it reads nothing that the program sees, and never fails, whatever the address.
+        unsafe {
+            _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast());
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = values;
+}
+
 /// Whole number next to `v`, for |v| below 2²²; a tie goes to the even one. Rounding by a cast does not vectorise.
 #[inline(always)]
 pub fn nearest_f32(v: f32) -> i32 {

@@ -38,6 +38,8 @@ pub enum Reason {
     Candidate,
     /// The tracker was restarted from its checkpoint.
     Restarted,
+    /// The picture stands still although needle or probe moved: it shows nothing of now.
+    Frozen,
 }
 
 /// One image's answer, with the values behind it.

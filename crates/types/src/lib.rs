@@ -31,8 +31,8 @@ pub use indentation::Indentation;
 pub use needle::{NeedlePath, NeedleSpec};
 pub use probe::{Effects, ElevationSample, Precision, ProbeSpec};
 pub use settings::{
-    Guess, Init, Method, Optimisation, Profile, ServoSettings, Similarity, TrackerSettings, UpdateStrategy,
-    Warp,
+    Guess, Init, Method, Optimisation, Profile, SearchPattern, ServoSettings, Similarity, TrackerSettings,
+    UpdateStrategy, Warp,
 };
 pub use setup::{Limits, Setup};
 pub use slice::Slice;

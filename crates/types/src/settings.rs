@@ -190,6 +190,20 @@ impl TrackerSettings {
     }
 }
 
+/// How a search moves the plane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SearchPattern {
+    /// To and fro in elevation, wider each time.
+    Elevation,
+    /// To and fro in yaw about the last tip, wider each time.
+    Yaw,
+    /// In elevation, then in yaw.
+    ElevationThenYaw,
+    /// Round and round in the plane of elevation and yaw, wider each time.
+    Spiral,
+}
+
 /// Every setting of the servo.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ServoSettings {
@@ -197,21 +211,47 @@ pub struct ServoSettings {
     pub feed_m_s: f64,
     /// Distance before the target over which the feed is slowed down.
     pub approach_m: f64,
+    /// The target counts as reached this close before it.
+    pub arrived_m: f64,
+    /// The needle is never fed farther than this beyond the nominal depth of the target.
+    pub depth_margin_m: f64,
     /// Lateral: the tip may wander this far from the picture's middle before the probe slides.
     pub lateral_deadband_m: f64,
+    /// Gain from the excess over that band to the speed of the slide.
+    pub slide_gain_per_s: f64,
     /// Fastest slide of the probe while following.
     pub slide_speed_m_s: f64,
-    /// Gain of the elevational hold (share of the estimated offset corrected per second); 0 = off.
+    /// Lateral: gain of the elevational hold (share of the estimated offset corrected per second); 0 = off.
     pub elevation_gain_per_s: f64,
+    /// Transverse: gain of the correction along the needle (share of the estimated distance per second); 0 = off.
+    pub along_gain_per_s: f64,
+    /// Transverse: how far the tip is thought to stray from the measured depth in one image, standard deviation.
+    pub along_walk_m: f64,
+    /// Transverse: size of the tip's echo along the needle, standard deviation; it widens the beam's profile.
+    pub tip_size_m: f64,
+    /// Transverse: scatter of the tip's grey level from image to image, standard deviation.
+    pub level_noise: f64,
+    /// Transverse: by how much the plane leads the tip, in time, before the arm's lag has been measured.
+    pub lead_s: f64,
     /// Amplitude of the elevational dither while tracking; 0 = off.
     pub dither_m: f64,
     /// Period of that dither.
     pub dither_period_s: f64,
+    /// How a search moves the plane.
+    pub search: SearchPattern,
+    /// Time that the plane stands still after a loss before it is moved.
+    pub look_s: f64,
+    /// Longest wait for the confirmation of a candidate.
+    pub confirm_s: f64,
+    /// A candidate has passed its brightest when it fell by this many grey levels.
+    pub crest_levels: f64,
+    /// A candidate farther than this from the last tip, in the picture, does not steer the search.
+    pub candidate_reach_m: f64,
     /// Speed of the elevational sweep after a loss.
     pub sweep_speed_m_s: f64,
     /// Farthest the sweep goes to either side; it widens in thirds.
     pub sweep_reach_m: f64,
-    /// Yaw about the last tip searched when the elevational sweep found nothing, to either side.
+    /// Yaw about the last tip that is searched, to either side.
     pub yaw_reach_rad: f64,
     /// Speed of that yaw.
     pub yaw_speed_rad_s: f64,
@@ -219,4 +259,41 @@ pub struct ServoSettings {
     pub max_search_travel_m: f64,
     /// Most time one search takes.
     pub max_search_s: f64,
+    /// The plane is not moved in a search while the contact force is above this.
+    pub max_search_force_n: f64,
+}
+
+/// What a scenario has that says nothing.
+impl Default for ServoSettings {
+    fn default() -> Self {
+        Self {
+            feed_m_s: 10e-3,
+            approach_m: 1.5e-3,
+            arrived_m: 0.15e-3,
+            depth_margin_m: 8e-3,
+            lateral_deadband_m: 10e-3,
+            slide_gain_per_s: 5.0,
+            slide_speed_m_s: 12e-3,
+            elevation_gain_per_s: 2.0,
+            along_gain_per_s: 4.0,
+            along_walk_m: 0.03 / 1000.0,
+            tip_size_m: 0.35e-3,
+            level_noise: 4.0,
+            lead_s: 0.06,
+            dither_m: 0.15e-3,
+            dither_period_s: 0.4,
+            search: SearchPattern::ElevationThenYaw,
+            look_s: 0.2,
+            confirm_s: 0.8,
+            crest_levels: 8.0,
+            candidate_reach_m: 6e-3,
+            sweep_speed_m_s: 5e-3,
+            sweep_reach_m: 7e-3,
+            yaw_reach_rad: 8.0_f64.to_radians(),
+            yaw_speed_rad_s: 10.0_f64.to_radians(),
+            max_search_travel_m: 60e-3,
+            max_search_s: 15.0,
+            max_search_force_n: 6.0,
+        }
+    }
 }

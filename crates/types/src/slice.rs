@@ -13,6 +13,9 @@ pub struct Slice {
     pub needle_gain_db: f64,
     /// Air or missing gel between each element and the surface; 0 = in contact. One entry per element.
     pub element_gap_m: Vec<f32>,
+    /// What something in the way takes from sound that leaves and comes back through each element, decibels ≥ 0. One
+    /// entry per element; empty for none. A disturbance.
+    pub element_loss_db: Vec<f32>,
     /// How the tissue is pressed; `None` at rest, as is a press that tissue cannot follow
     /// ([`Indentation::is_sound`]). The needle is where its path says, pressed or not.
     pub indentation: Option<Indentation>,
@@ -21,4 +24,6 @@ pub struct Slice {
     pub drag: Option<Drag>,
     /// Receiver gain on top of the probe's own; a disturbance or the user's knob.
     pub gain_db: f64,
+    /// Electronic noise on top of the probe's own; a disturbance.
+    pub noise_gain_db: f64,
 }

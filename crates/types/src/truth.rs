@@ -15,7 +15,7 @@ pub struct Truth {
     pub reference_px: [f64; 2],
     /// Signed distance of the tip from the plane: lateral along elevation; transverse along the needle.
     pub plane_to_tip_m: f64,
-    /// Tip within half the −6 dB slice thickness of the plane, inside the picture, and probe in contact.
+    /// Tip within half the −6 dB slice thickness of the plane, inside the picture, and 0.71 of its aperture in contact.
     pub visible: bool,
     /// Insertion depth along the needle, as the hub stands.
     pub depth_m: f64,

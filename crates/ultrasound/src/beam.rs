@@ -41,8 +41,13 @@ pub struct Grain {
     pub elevation_bin_m: f64,
     /// Delays per row step at which the tape is kept.
     pub sub_delays: usize,
-    /// Parts of a row that scatterers of pressed tissue are added to, two of them for each.
-    pub parts_per_row: usize,
+    /// Rows of the grid per scatterer of moved tissue, which goes onto rows twice: onto those that follow it, and from there
+    /// onto the grid's.
+    pub rows_per_scatterer: f64,
+    /// Strains at which the tape of moved tissue is kept.
+    pub strain_step: f64,
+    /// By how many rows, over a run of moved scatterers, the last may drift from where the tape has it.
+    pub drift_rows: f32,
     /// Lines of the working grid per column of the picture, for [`Self::new`]'s lines per σ of the lateral beam: two lines
     /// stand for what lies between them, and by how much they miss it is a matter of their distance over σ.
     pub lines_per_px: usize,
@@ -65,7 +70,9 @@ impl Grain {
                 lateral_reach: 2.75,
                 elevation_bin_m: 0.02e-3,
                 sub_delays: 24,
-                parts_per_row: 2,
+                rows_per_scatterer: 1.0,
+                strain_step: 0.03,
+                drift_rows: 0.15,
                 lines_per_px,
                 columns_per_width: 8,
             },
@@ -74,7 +81,9 @@ impl Grain {
                 lateral_reach: 3.25,
                 elevation_bin_m: 0.01e-3,
                 sub_delays: 64,
-                parts_per_row: 4,
+                rows_per_scatterer: 1.25,
+                strain_step: 0.005,
+                drift_rows: 0.03,
                 lines_per_px,
                 columns_per_width: 4,
             },

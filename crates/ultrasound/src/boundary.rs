@@ -190,23 +190,30 @@ pub fn add_echoes(
     for [ix, iy] in shear.columns_across(slab) {
         // Only where the column is near the plane.
         let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
-        let [high_m, low_m] =
-            shear.elevations_at(e_m, slab.reach_m).map(|row| -(row - top_row + 0.5) * lattice.depth_step_m);
+        let [high_m, low_m] = shear
+            .elevations_at(e_m, slab.reach_m)
+            .map(|row| -((row - top_row) / shear.rows_per_scatterer + 0.5) * lattice.depth_step_m);
         for (place, &Facet { z_m, level_np, slope }) in columns.facets(ix, iy, low_m, high_m) {
             let (rest_z_m, slope) = (f64::from(z_m), slope.map(f64::from));
-            let row = top_row + lattice.index_at(rest_z_m);
+            let row = top_row + lattice.index_at(rest_z_m) * shear.rows_per_scatterer;
             let mut z_m = row * shear.row_step_m;
             let mut e_m = e_m + shear.elevation_slope * z_m;
             let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
             let mut normal = Vector::new(-slope[0], -slope[1], 1.0);
+            let hidden =
+                |x_m: f64, e_m: f64, z_m: f64| z_m < 0.0 || e_m.abs() > reach_m || x_m.abs() > shear.reach_m;
             if let Some(motion) = motion {
                 let [column_x_m, column_y_m] = lattice.column_m(ix, iy);
-                let moved = moved(motion, Point::new(column_x_m, column_y_m, rest_z_m), slope);
+                let rest = Point::new(column_x_m, column_y_m, rest_z_m);
+                let by_m = motion.displacement_m(rest);
                 [x_m, e_m, z_m] = [(x_m, lateral), (e_m, elevational), (z_m, down)]
-                    .map(|(at_rest_m, axis)| at_rest_m + moved.by_m.dot(&axis));
-                normal = moved.normal;
+                    .map(|(at_rest_m, axis)| at_rest_m + by_m.dot(&axis));
+                if hidden(x_m, e_m, z_m) {
+                    continue;
+                }
+                normal = moved_normal(motion, rest, by_m, slope);
             }
-            if z_m < 0.0 || e_m.abs() > reach_m || x_m.abs() > shear.reach_m {
+            if hidden(x_m, e_m, z_m) {
                 continue;
             }
             // Depth changes by this along the surface, laterally and in elevation.
@@ -278,18 +285,12 @@ impl Patch {
     }
 }
 
-/// How far a patch of a surface has moved, and the normal that it has now; of any length, phantom frame.
-struct Moved {
-    by_m: Vector,
-    normal: Vector,
-}
-
-fn moved(motion: &Motion, rest: Point, slope: [f64; 2]) -> Moved {
+/// The normal that a patch of a surface has where it has moved `by_m`; of any length, phantom frame.
+fn moved_normal(motion: &Motion, rest: Point, by_m: Vector, slope: [f64; 2]) -> Vector {
     const STEP_M: f64 = 0.1e-3;
-    let by_m = motion.displacement_m(rest);
     let along = |x: f64, y: f64| {
         let tangent = Vector::new(x, y, x * slope[0] + y * slope[1]);
         tangent + (motion.displacement_m(rest + tangent * STEP_M) - by_m) / STEP_M
     };
-    Moved { by_m, normal: along(1.0, 0.0).cross(&along(0.0, 1.0)) }
+    along(1.0, 0.0).cross(&along(0.0, 1.0))
 }

@@ -174,6 +174,12 @@ impl Columns {
         (Range { first: range.first + first as u32, count: count as u32 }, &all[first..first + count])
     }
 
+    /// Amplitude of a column's scatterer; 0 above the first one.
+    pub fn amplitude(&self, range: Range, n: i32) -> f32 {
+        let layer = self.layers(range).iter().find(|layer| layer.end > n);
+        layer.filter(|_| n >= 0).map_or(0.0, |&layer| self.filling(layer).amplitude)
+    }
+
     /// Asks for what the other functions tell of some columns of a row.
     pub fn learn(&mut self, mut columns: core::ops::Range<i32>, iy: i32) {
         while let Some(ix) = self.layers_of.first_unset(columns.clone(), iy) {

@@ -1,9 +1,9 @@
-//! Which elements touch the phantom. Blind ones neither send nor hear.
+//! Which elements touch the phantom. Blind ones neither send nor hear; something in the way of others takes a part.
 
-use sonoloop_types::ProbeSpec;
+use sonoloop_types::{ProbeSpec, Slice};
 
 use crate::{
-    beam::Beam,
+    beam::{Beam, amplitude_from_db},
     lattice::mix,
     march::{DIRECTIONS, part_of_aperture},
     paths::Plane,
@@ -30,8 +30,12 @@ pub struct Contact {
     pub ringing_shift_m: Vec<f32>,
     pub band_spacing_m: Vec<f32>,
     pub any_blind: bool,
-    /// Coupled elements left of each edge between elements.
+    /// Some elements send and hear less than others, or nothing.
+    pub any_weaker: bool,
+    /// Coupled elements left of each edge between elements, and the same weighted by the amplitude that each lets through
+    /// one way.
     coupled: Vec<f64>,
+    through: Vec<f64>,
 }
 
 /// Ringing of the elements around a place: how strong, and how much farther down than in a lens of even thickness. Both
@@ -60,13 +64,18 @@ impl Contact {
             ringing_shift_m: Vec::new(),
             band_spacing_m: Vec::new(),
             any_blind: false,
+            any_weaker: false,
             coupled: Vec::new(),
+            through: Vec::new(),
         }
     }
 
-    pub fn set(&mut self, element_gap_m: &[f32], plane: &Plane, beam: &Beam) {
+    pub fn set(&mut self, slice: &Slice, plane: &Plane, beam: &Beam) {
+        let element_gap_m = &slice.element_gap_m;
+        let loss_db = |i: usize| slice.element_loss_db.get(i).map_or(0.0, |&db| f64::from(db).max(0.0));
         let coupled = |i: usize| element_gap_m.get(i).is_none_or(|&gap| gap <= AIR_GAP_M);
         self.any_blind = self.enabled && (0..self.elements).any(|i| !coupled(i));
+        self.any_weaker = self.any_blind || (self.enabled && (0..self.elements).any(|i| loss_db(i) > 0.0));
         for (by_column, value) in [
             (&mut self.blind, 0.0),
             (&mut self.ringing_shift_m, 0.0),
@@ -75,18 +84,26 @@ impl Contact {
             by_column.clear();
             by_column.resize(plane.columns, value);
         }
-        if !self.any_blind {
+        if !self.any_weaker {
             return;
         }
-        self.coupled.clear();
-        self.coupled.push(0.0);
+        for sums in [&mut self.coupled, &mut self.through] {
+            sums.clear();
+            sums.push(0.0);
+        }
         for i in 0..self.elements {
-            self.coupled.push(self.coupled[i] + if coupled(i) { 1.0 } else { 0.0 });
+            let touches = if coupled(i) { 1.0 } else { 0.0 };
+            self.coupled.push(self.coupled[i] + touches);
+            // Half of the loss each way.
+            self.through.push(self.through[i] + touches * amplitude_from_db(-loss_db(i) / 2.0));
+        }
+        if !self.any_blind {
+            return;
         }
         let face_m = beam.wanted_aperture_m(0.0);
         for column in 0..plane.columns {
             let x_m = plane.first_x_m + column as f64 * plane.spacing_m;
-            let share = self.share([x_m - face_m / 2.0, x_m + face_m / 2.0]);
+            let share = self.mean(&self.coupled, [x_m - face_m / 2.0, x_m + face_m / 2.0]);
             let (strength, shift_m) = ringing(x_m / self.pitch_m);
             self.blind[column] = (1.0 - share) * strength;
             self.ringing_shift_m[column] = shift_m;
@@ -98,8 +115,8 @@ impl Contact {
         }
     }
 
-    /// Share of the elements between two places that touch; 1 where there are none.
-    fn share(&self, ends_m: [f64; 2]) -> f32 {
+    /// Mean of what `sums` adds up over the elements between two places; 1 where there are none.
+    fn mean(&self, sums: &[f64], ends_m: [f64; 2]) -> f32 {
         let count = self.elements as f64;
         let [low, high] = ends_m.map(|x_m| (x_m / self.pitch_m + count / 2.0).clamp(0.0, count));
         if high - low < 1e-9 {
@@ -107,16 +124,16 @@ impl Contact {
         }
         let before = |edge: f64| {
             let i = (edge as usize).min(self.elements - 1);
-            self.coupled[i] + (self.coupled[i + 1] - self.coupled[i]) * (edge - i as f64)
+            sums[i] + (sums[i + 1] - sums[i]) * (edge - i as f64)
         };
         ((before(high) - before(low)) / (high - low)) as f32
     }
 
-    /// Takes away what the blind elements of one direction would have seen, knot by knot.
+    /// Takes away what the blind and shadowed elements of one direction would have seen, knot by knot.
     pub fn shade(&self, direction: usize, plane: &Plane, wanted_m: f64, part: &mut [f32]) {
         debug_assert!(direction < DIRECTIONS);
         for (i, part) in part.iter_mut().enumerate() {
-            *part *= self.share(part_of_aperture(direction, plane.knot_x_m(i), wanted_m));
+            *part *= self.mean(&self.through, part_of_aperture(direction, plane.knot_x_m(i), wanted_m));
         }
     }
 }

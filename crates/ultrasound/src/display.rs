@@ -1,6 +1,6 @@
 //! From the complex field to grey levels: noise, time-gain compensation, logarithm.
 
-use sonoloop_types::ProbeSpec;
+use sonoloop_types::{ProbeSpec, Slice};
 
 use crate::{
     beam::{Beam, NEPER_PER_DB, amplitude_from_db, pulse_loss_np},
@@ -42,9 +42,24 @@ pub struct Display {
 /// The settings of one picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Exposure {
-    pub sequence: u64,
-    pub gain_db: f64,
-    pub spacing_m: f64,
+    sequence: u64,
+    gain_db: f64,
+    /// Noise over the probe's own.
+    noise_gain: f32,
+    spacing_m: f64,
+}
+
+impl Exposure {
+    /// The settings that a slice asks for; what is no number changes nothing.
+    pub fn new(slice: &Slice, spacing_m: f64) -> Self {
+        let sound = |db: f64| if db.is_finite() { db.clamp(-200.0, 200.0) } else { 0.0 };
+        Self {
+            sequence: slice.sequence,
+            gain_db: sound(slice.gain_db),
+            noise_gain: amplitude_from_db(sound(slice.noise_gain_db)) as f32,
+            spacing_m,
+        }
+    }
 }
 
 impl Display {
@@ -93,8 +108,8 @@ wide! {
         let z_m = row as f64 * exposure.spacing_m;
         let hash = mix(display.seed ^ mix(exposure.sequence ^ mix(row as u64)));
         let first = (hash % (NOISE_LENGTH - columns.min(NOISE_LENGTH)) as u64) as usize;
-        let gain_db = if exposure.gain_db.is_finite() { exposure.gain_db } else { 0.0 };
-        let level_db = (display.compensation_db(z_m) + gain_db.clamp(-200.0, 200.0)) as f32 - display.white_db;
+        let level_db = (display.compensation_db(z_m) + exposure.gain_db) as f32 - display.white_db;
+        let noise_amplitude = display.noise_amplitude * exposure.noise_gain;
         let contact = &paths.contact;
         let ringing = if contact.any_blind { ringing_level(z_m) } else { 0.0 };
         let (above, below, share) = paths.row(row);
@@ -116,8 +131,8 @@ wide! {
             }
             for (x, level) in level.iter_mut().enumerate().take(pixels.len()) {
                 let a = above[x] + share * (below[x] - above[x]);
-                let r = re[x] * a + noise[0][x] * display.noise_amplitude + ring[x];
-                let i = im[x] * a + noise[1][x] * display.noise_amplitude;
+                let r = re[x] * a + noise[0][x] * noise_amplitude + ring[x];
+                let i = im[x] * a + noise[1][x] * noise_amplitude;
                 *level = r * r + i * i;
             }
             for level in &mut level {

@@ -18,8 +18,7 @@
 //! along the phantom's columns: lines one pixel apart, sheared with the tilt, rows one lattice step apart.
 //! Along a column the line fraction, the depth fraction and the phase are then constant, and a column is one
 //! multiply-add of a shared noise tape into two lines. Where a probe presses ([`sonoloop_types::Indentation`]) columns
-//! bend, and scatterers are added one by one instead, sixteen at a time, on rows that follow the press; that takes three
-//! to four times as long.
+//! bend: runs of them, nearly straight on rows that follow the press, are added as straight columns are.
 //!
 //! | file | does |
 //! |---|---|
@@ -30,7 +29,7 @@
 //! | `elevation` | weights by elevation and row |
 //! | `jobs`, `splat` | which stretch of tape goes where; adding it |
 //! | `motion`, `warp` | where pressed tissue is; rows that follow it |
-//! | `points`, `groups` | which of its scatterers show, and where; adding them |
+//! | `points`, `runs` | which of its columns show, and where; adding them run by run |
 //! | `lateral`, `axial` | dual beam filter per row; pulse onto the display rows |
 //! | `needle` | echoes of the steel: shaft, tip, their repeats and side lobes |
 //! | `boundary` | mirrors where materials meet |
@@ -74,7 +73,6 @@ mod display;
 mod echo;
 mod elevation;
 mod fast;
-mod groups;
 mod jobs;
 mod lateral;
 mod lattice;
@@ -86,6 +84,7 @@ mod paths;
 mod points;
 pub mod reference;
 mod renderer;
+mod runs;
 mod shear;
 mod splat;
 mod stamp;

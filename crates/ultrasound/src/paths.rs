@@ -107,7 +107,7 @@ impl Paths {
 
     /// Fills the maps for one needle and contact, after [`Self::sample`]. `shaft` is the needle's.
     pub fn build(&mut self, beam: &Beam, slice: &Slice, shaft: &Shaft) {
-        self.contact.set(&slice.element_gap_m, &self.plane, beam);
+        self.contact.set(slice, &self.plane, beam);
         self.occlusion.trace(beam, slice, shaft, &self.plane);
         self.unshaded.clear();
         if self.occlusion.any() {
@@ -206,7 +206,7 @@ impl Paths {
         for direction in 0..DIRECTIONS {
             march.weigh(direction, plane, wanted_m, beam.half_aperture_m);
             march.transmit(direction);
-            if contact.any_blind {
+            if contact.any_weaker {
                 contact.shade(direction, plane, wanted_m, &mut march.part);
             }
             if occlusion.any() {

@@ -25,6 +25,7 @@ use crate::{
     splat::{Grid, Sources},
     stamp::{self, Layout, Stamps},
     tape::BakedTape,
+    warp::Press,
 };
 
 /// Display rows per task; fixed, so that results do not depend on the number of threads.
@@ -49,33 +50,81 @@ pub struct Renderer {
     points: Points,
     motion: Option<Motion>,
     grid: Grid,
-    shaft: Shaft,
-    needle: NeedleEchoes,
-    stamps: Stamps,
-    surfaces: Vec<Echo>,
+    echoes: Echoes,
     paths: Paths,
     field: Vec<f32>,
-    /// What `field` and `paths` were made for.
+    /// The field before echoes are stamped on it, made when tissue is as it was one picture before.
+    resting: Vec<f32>,
+    resting_is_made: bool,
+    /// How display columns lie on `grid`, and how many rows it has; `None` when no tissue shows.
+    map: Option<(LineMap, usize)>,
+    /// What all of these were made for.
     made_for: Option<Scene>,
     scratch: Vec<AxialScratch>,
+}
+
+/// What is stamped on the field: the needle, and where materials meet.
+struct Echoes {
+    shaft: Shaft,
+    needle: NeedleEchoes,
+    surfaces: Vec<Echo>,
+    stamps: Stamps,
+}
+
+impl Echoes {
+    /// Makes the stamps, and the maps of the paths, once the tissue's surfaces and losses are known.
+    fn stamp(
+        &mut self,
+        instructions: Instructions,
+        beam: &Beam,
+        tape: &BakedTape,
+        paths: &mut Paths,
+        slice: &Slice,
+        layout: &Layout,
+    ) {
+        let Self { shaft, needle, surfaces, stamps } = self;
+        rayon::join(|| needle.build(beam, tape, slice), || paths.build(beam, slice, shaft));
+        stamp::prepare(instructions, stamps, beam, paths, [&*needle.echoes, surfaces], layout);
+    }
+}
+
+/// What of the field is made anew.
+#[derive(Clone, Copy)]
+enum Redo {
+    Nothing,
+    All,
+    /// What is stamped on it; the tissue's part as well when `rest`.
+    Echoes {
+        rest: bool,
+    },
+}
+
+/// What the tissue's part of the field depends on.
+#[derive(Clone, PartialEq)]
+struct Pressed {
+    phantom_from_probe: Pose,
+    indentation: Option<Indentation>,
 }
 
 /// What the field depends on.
 #[derive(Clone, PartialEq)]
 struct Scene {
-    phantom_from_probe: Pose,
+    tissue: Pressed,
     needle: Option<NeedlePath>,
     needle_gain_db: f64,
     element_gap_m: Vec<f32>,
-    indentation: Option<Indentation>,
+    element_loss_db: Vec<f32>,
 }
 
 impl Scene {
     fn of(slice: &Slice) -> Self {
-        let Slice { phantom_from_probe, ref needle, needle_gain_db, ref element_gap_m, indentation, .. } =
-            *slice;
-        let (needle, element_gap_m) = (needle.clone(), element_gap_m.clone());
-        Self { phantom_from_probe, needle, needle_gain_db, element_gap_m, indentation }
+        Self {
+            tissue: Pressed { phantom_from_probe: slice.phantom_from_probe, indentation: slice.indentation },
+            needle: slice.needle.clone(),
+            needle_gain_db: slice.needle_gain_db,
+            element_gap_m: slice.element_gap_m.clone(),
+            element_loss_db: slice.element_loss_db.clone(),
+        }
     }
 }
 
@@ -158,12 +207,17 @@ impl Renderer {
             points: Points::default(),
             motion: None,
             grid: Grid::default(),
-            shaft: Shaft::new(&needle),
-            needle: NeedleEchoes::new(&needle, &beam, &probe, seed),
-            stamps: Stamps::default(),
-            surfaces: Vec::new(),
+            echoes: Echoes {
+                shaft: Shaft::new(&needle),
+                needle: NeedleEchoes::new(&needle, &beam, &probe, seed),
+                surfaces: Vec::new(),
+                stamps: Stamps::default(),
+            },
             paths: Paths::new(&beam, &probe, frame.plane()),
             field: vec![0.0; frame.rows() * 2 * frame.padded],
+            resting: vec![0.0; frame.rows() * 2 * frame.padded],
+            resting_is_made: false,
+            map: None,
             made_for: None,
             scratch: Vec::new(),
             beam,
@@ -186,7 +240,7 @@ impl Renderer {
             *image = Image::black(geometry.width_px, geometry.height_px);
         }
         let spacing_m = geometry.spacing_m;
-        let exposure = Exposure { sequence: slice.sequence, gain_db: slice.gain_db, spacing_m };
+        let exposure = Exposure::new(slice, spacing_m);
         // Entered once: every hand-over from a thread outside the pool would put that thread to sleep.
         rayon::scope(|_| {
             self.fill_field(slice, &mut image.pixels, |this, row, field, pixels| {
@@ -226,32 +280,52 @@ impl Renderer {
             return;
         }
         let spacing_m = geometry.spacing_m;
-        let layout = Layout { columns: padded, first_x_m, spacing_m };
-        let scene = Some(Scene::of(slice));
-        let stale = self.made_for != scene;
-        let map = if stale { self.fill_grid(slice, &layout) } else { None };
-        self.made_for = scene;
+        let layout = Layout { columns: padded, rows: self.frame.rows(), first_x_m, spacing_m };
+        let scene = Scene::of(slice);
+        let redo = if self.made_for.as_ref() == Some(&scene) {
+            Redo::Nothing
+        } else if self.made_for.as_ref().map(|before| &before.tissue) != Some(&scene.tissue) {
+            self.map = self.fill_grid(slice, &layout);
+            self.resting_is_made = false;
+            Redo::All
+        } else {
+            let Self { instructions, echoes, beam, tape, paths, .. } = self;
+            echoes.stamp(*instructions, beam, tape, paths, slice, &layout);
+            Redo::Echoes { rest: !core::mem::replace(&mut self.resting_is_made, true) }
+        };
+        self.made_for = Some(scene);
 
         let tasks = self.frame.rows().div_ceil(TASK_ROWS);
         self.scratch.resize_with(tasks, AxialScratch::default);
         let (beam, paths, lateral) = (&self.beam, &self.paths, &self.lateral);
-        let (grid, stamps) = (&self.grid, &self.stamps);
+        let (grid, stamps) = (&self.grid, &self.echoes.stamps);
         let instructions = self.instructions;
         let filters =
-            map.map(|(map, rows)| BeamFilters { instructions, beam, paths, lateral, grid, map, rows });
+            self.map.map(|(map, rows)| BeamFilters { instructions, beam, paths, lateral, grid, map, rows });
         let this = Finish { instructions, display: &self.display, paths };
         self.field
             .par_chunks_mut(TASK_ROWS * 2 * padded)
+            .zip(self.resting.par_chunks_mut(TASK_ROWS * 2 * padded))
             .zip(pixels.par_chunks_mut(TASK_ROWS * width))
             .zip(&mut self.scratch)
             .enumerate()
-            .for_each(|(task, ((field, pixels), scratch))| {
+            .for_each(|(task, (((field, resting), pixels), scratch))| {
                 let first_row = task * TASK_ROWS;
-                if stale {
-                    match &filters {
-                        Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
-                        None => field.fill(0.0),
+                let mut filter = |field: &mut [f32]| match &filters {
+                    Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
+                    None => field.fill(0.0),
+                };
+                match redo {
+                    Redo::Nothing => {}
+                    Redo::All => filter(field),
+                    Redo::Echoes { rest } => {
+                        if rest {
+                            filter(resting);
+                        }
+                        field.copy_from_slice(resting);
                     }
+                }
+                if !matches!(redo, Redo::Nothing) {
                     stamp::apply(instructions, stamps, padded, first_row, field);
                 }
                 let rows = field.chunks_exact(2 * padded).zip(pixels.chunks_exact_mut(width));
@@ -265,7 +339,6 @@ impl Renderer {
     fn fill_grid(&mut self, slice: &Slice, layout: &Layout) -> Option<(LineMap, usize)> {
         let Frame { geometry, first_x_m, .. } = self.frame;
         let spacing_m = geometry.spacing_m;
-        let rows = self.frame.rows();
         let line_pitch_m = spacing_m / self.beam.grain.lines_per_px as f64;
         let margin_m = (self.lateral.radius + 2) as f64 * line_pitch_m;
         let instructions = self.instructions;
@@ -283,13 +356,13 @@ impl Renderer {
             lattice,
             &geometry,
             -first_x_m + margin_m,
-            motion.map_or(0.0, Motion::aside_m),
+            motion,
             tissue.half(),
         );
         let shear = shear.as_ref();
         if let Some(shear) = shear {
             elevation.build(instructions, beam, shear, lattice.amplitude());
-            tape.bake(instructions, beam, shear.row_step_m, shear.lateral_slope, shear.rows);
+            tape.bake(instructions, beam, shear);
             let (scattering, mirroring) =
                 (points::slab(elevation, motion), boundary::slab(lattice, shear, motion));
             for iy in shear.rows_across() {
@@ -297,9 +370,13 @@ impl Renderer {
                 tissue.learn_facets(shear.overlap(mirroring, iy), iy);
             }
         }
-        let Self { jobs, points, grid, stamps, paths, needle, surfaces, .. } = self;
+        let Self { jobs, points, grid, echoes, paths, .. } = self;
+        if let (Some(shear), Some(motion)) = (shear, motion) {
+            let press = Press { beam, lattice, phantom_from_probe: &slice.phantom_from_probe, motion };
+            let classes = points.lay(&press, shear, elevation);
+            tape.strain(instructions, beam, classes);
+        }
         let (tape, elevation, tissue, pose) = (&*tape, &*elevation, &*tissue, &slice.phantom_from_probe);
-        let shaft = &self.shaft;
         // The grid's tasks are there for whoever is done first.
         rayon::join(
             || {
@@ -314,16 +391,13 @@ impl Renderer {
                 }
             },
             || {
-                needle.build(beam, tape, slice);
-                surfaces.clear();
+                echoes.surfaces.clear();
                 // A pose that shows no tissue has none in the way either.
                 paths.sample(lattice, tissue, shear.map(|_| pose), motion);
                 if let Some(shear) = shear {
-                    boundary::add_echoes(beam, lattice, shear, tissue, slice, motion, surfaces);
+                    boundary::add_echoes(beam, lattice, shear, tissue, slice, motion, &mut echoes.surfaces);
                 }
-                paths.build(beam, slice, shaft);
-                let echoes = [&*needle.echoes, surfaces];
-                stamp::prepare(instructions, stamps, beam, paths, echoes, layout, rows);
+                echoes.stamp(instructions, beam, tape, paths, slice, layout);
             },
         );
         let shear = shear?;

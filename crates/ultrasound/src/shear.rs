@@ -7,6 +7,7 @@ use crate::{
     elevation::STRIDE,
     fast::floor,
     lattice::Lattice,
+    motion::Motion,
 };
 
 /// Below this cosine between the beam and the phantom's vertical no tissue is drawn (60°).
@@ -44,11 +45,13 @@ pub struct Slab {
 
 /// How the phantom's columns run through the probe frame, and the sheared grid laid along them.
 ///
-/// On a column x = x′ + t·z and e = e′ + s·z in the probe frame; its scatterers lie `row_step_m` of depth
-/// apart. Row r is at depth r·row_step; line l is at x′ = first_line + l·line_pitch.
+/// On a column x = x′ + t·z and e = e′ + s·z in the probe frame; at rest its scatterers lie
+/// `row_step_m`·`rows_per_scatterer` of depth apart. Row r is at depth r·row_step; line l is at x′ = first_line + l·line_pitch.
 #[derive(Debug, Clone)]
 pub struct Shear {
     pub row_step_m: f64,
+    /// Rows from one scatterer of a column at rest to the next.
+    pub rows_per_scatterer: f64,
     /// A multiple of [`STRIDE`].
     pub rows: usize,
     /// t = dx/dz along a column.
@@ -74,17 +77,18 @@ pub struct Shear {
 
 impl Shear {
     /// `None` when the pose shows no tissue: not finite, or tilted beyond 60°. `reach_m` is half the displayed width and
-    /// the reach of the lateral filter, `aside_m` how far sideways tissue may have come from, `half` the range of column
-    /// indices.
+    /// the reach of the lateral filter, `motion` how tissue has moved, `half` the range of column indices.
     pub fn new(
         phantom_from_probe: &Pose,
         beam: &Beam,
         lattice: &Lattice,
         geometry: &ImageGeometry,
         reach_m: f64,
-        aside_m: f64,
+        motion: Option<&Motion>,
         half: [i32; 2],
     ) -> Option<Self> {
+        let (aside_m, rows_per_scatterer) =
+            motion.map_or((0.0, 1.0), |motion| (motion.aside_m(), beam.grain.rows_per_scatterer));
         let probe_from_phantom = phantom_from_probe.inverse();
         let down = probe_from_phantom * Vector::new(0.0, 0.0, -1.0);
         let origin = probe_from_phantom * Point::origin();
@@ -96,7 +100,7 @@ impl Shear {
         // column is drawn at most 0.7 µm beside its place 48 mm down, and 0.4 µm too deep at 30° (0.03 rad).
         let round = |slope: f64| (slope * SLOPES).round() / SLOPES;
         let (t, s) = (round(down.x / down.z), round(down.y / down.z));
-        let row_step_m = lattice.depth_step_m / (1.0 + t * t + s * s).sqrt();
+        let row_step_m = lattice.depth_step_m / (1.0 + t * t + s * s).sqrt() / rows_per_scatterer;
         let deepest_m = f64::from(geometry.height_px.saturating_sub(1)) * geometry.spacing_m
             + PROFILE_REACH * beam.sigma_axial_m;
         let rows = ((deepest_m / row_step_m) as usize + 1).next_multiple_of(STRIDE);
@@ -133,6 +137,7 @@ impl Shear {
         });
         Some(Self {
             row_step_m,
+            rows_per_scatterer,
             rows,
             lateral_slope: t,
             elevation_slope: s,

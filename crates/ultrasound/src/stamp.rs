@@ -24,6 +24,7 @@ const WIDTH: usize = 8;
 pub struct Layout {
     /// Columns per row, padded; a row holds so many real parts, then imaginary ones.
     pub columns: usize,
+    pub rows: usize,
     pub first_x_m: f64,
     pub spacing_m: f64,
 }
@@ -89,7 +90,6 @@ wide! {
         paths: &Paths,
         echoes: [&[Echo]; 2],
         layout: &Layout,
-        rows: usize,
     ) {
         stamps.stamps.clear();
         stamps.axial.clear();
@@ -118,7 +118,7 @@ wide! {
                 };
             }
             let row = pixels(echo.z_m + echo.late_m + place.delay_m);
-            let [lo, hi] = range(row, reach * sigma_z, rows);
+            let [lo, hi] = range(row, reach * sigma_z, layout.rows);
             if lo >= hi {
                 continue;
             }

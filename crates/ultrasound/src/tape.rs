@@ -6,8 +6,10 @@ use rayon::prelude::*;
 
 use crate::{
     beam::Beam,
+    fast::nearest,
     instructions::{Instructions, wide},
     lattice::TAPE_LENGTH,
+    shear::Shear,
 };
 
 /// Taps of a delay filter, centred.
@@ -16,8 +18,8 @@ pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 /// Samples whose carrier is one turn of that of others: products of two short tables are exact to rounding, far cheaper
 /// than a sine per sample, and stay in the caches.
 const STRETCH: usize = 64;
-/// Samples of the unmodulated tape that can be read across its end.
-const RAW_MARGIN: usize = 16;
+/// Rows that columns may have at least.
+const LEAST_ROWS: usize = 128;
 /// Samples filtered together.
 const BLOCK: usize = 16;
 
@@ -45,9 +47,11 @@ pub fn gaussian_tape(seed: u64, stream: u64, length: usize) -> Vec<[f32; 2]> {
 /// The carrier is put in before the delay filters because they are low-pass around it. It depends on the tilt
 /// (a row step is the lattice step times the cosine), so the tape is baked again when the cosine changes.
 pub struct BakedTape {
-    /// Real and imaginary parts of the unmodulated tape, which goes on from its start for a few samples at its end.
+    /// Real and imaginary parts of the unmodulated tape.
     raw: [Vec<f32>; 2],
+    /// From one scatterer to the next, and from one row of the grid.
     row_step_m: f64,
+    grid_step_m: f64,
     lateral_slope: f64,
     /// exp(+i·2k·q·step) for q below [`STRETCH`], and for its multiples from −`DELAY_REACH` on.
     fine: Vec<[f64; 2]>,
@@ -62,16 +66,31 @@ pub struct BakedTape {
     pub sub_delays: usize,
     /// What spreads a scatterer over rows, by delay: taps from `DELAY_REACH` rows above on.
     pub delay_filters: Vec<[f32; DELAY_TAPS]>,
+    /// The same on rows of the grid, where they are not a scatterer apart.
+    pub grid_filters: Vec<[f32; DELAY_TAPS]>,
+    /// The tape as it is in strained tissue, by class from `first_class` on; see [`Self::strain`].
+    strained: Vec<Strained>,
+    first_class: i32,
+}
+
+/// The tape where rows, and with them scatterers, lie closer by a strain. Its rows are to be turned by 2k times what the
+/// strain moves them by: what a delay filter takes from rows beside is turned back by as much as it lies off.
+pub struct Strained {
+    /// As [`BakedTape::samples`].
+    pub samples: Vec<u32>,
+    /// As [`BakedTape::delay_filters`]: real and imaginary parts.
+    pub filters: Vec<[[f32; 2]; DELAY_TAPS]>,
 }
 
 impl BakedTape {
     pub fn new(seed: u64) -> Self {
         let tape = gaussian_tape(seed, 1, TAPE_LENGTH);
-        let part =
-            |part: usize| tape.iter().cycle().map(|v| v[part]).take(TAPE_LENGTH + RAW_MARGIN).collect();
+        let part = |part: usize| tape.iter().map(|v| v[part]).collect();
         Self {
             raw: [part(0), part(1)],
             row_step_m: 0.0,
+            grid_step_m: 0.0,
+            grid_filters: Vec::new(),
             lateral_slope: 0.0,
             fine: Vec::new(),
             coarse: Vec::new(),
@@ -80,6 +99,8 @@ impl BakedTape {
             stride: 0,
             sub_delays: 0,
             delay_filters: Vec::new(),
+            strained: Vec::new(),
+            first_class: 0,
         }
     }
 
@@ -89,17 +110,6 @@ impl BakedTape {
         [self.raw[0][index], self.raw[1][index]]
     }
 
-    /// So many samples of it in a row.
-    #[inline(always)]
-    pub fn raw_parts<const N: usize>(&self, index: usize) -> [[f32; N]; 2] {
-        const { assert!(N <= RAW_MARGIN) };
-        let mut parts = [[0.0; N]; 2];
-        for (out, part) in parts.iter_mut().zip(&self.raw) {
-            out.copy_from_slice(&part[index % TAPE_LENGTH..][..N]);
-        }
-        parts
-    }
-
     /// exp(+i·2k·q·step), q below the tape's length.
     #[inline]
     pub fn carrier(&self, q: usize) -> [f64; 2] {
@@ -107,21 +117,23 @@ impl BakedTape {
         product(self.coarse[sample / STRETCH], self.fine[sample % STRETCH])
     }
 
-    /// Prepares the tape for columns of up to `rows` rows.
-    pub fn bake(
-        &mut self,
-        instructions: Instructions,
-        beam: &Beam,
-        row_step_m: f64,
-        lateral_slope: f64,
-        rows: usize,
-    ) {
-        let stride = TAPE_LENGTH + rows;
-        if self.stride >= stride && self.row_step_m == row_step_m && self.lateral_slope == lateral_slope {
+    /// Prepares the tape for the columns of a grid.
+    pub fn bake(&mut self, instructions: Instructions, beam: &Beam, shear: &Shear) {
+        let &Shear { row_step_m: grid_step_m, lateral_slope, rows, rows_per_scatterer, .. } = shear;
+        let row_step_m = grid_step_m * rows_per_scatterer;
+        let stride = TAPE_LENGTH + rows.max(LEAST_ROWS);
+        if self.stride >= stride
+            && self.row_step_m == row_step_m
+            && self.grid_step_m == grid_step_m
+            && self.lateral_slope == lateral_slope
+        {
             return;
         }
         (self.row_step_m, self.lateral_slope, self.stride) = (row_step_m, lateral_slope, stride);
+        self.grid_step_m = grid_step_m;
+        self.grid_filters = delay_filters(beam, grid_step_m, lateral_slope);
         self.modulate(beam.two_k_rad_m * row_step_m);
+        self.strained.clear();
         self.delay_filters = delay_filters(beam, row_step_m, lateral_slope);
         self.sub_delays = self.delay_filters.len();
         self.samples.resize(self.sub_delays * stride, 0);
@@ -130,6 +142,57 @@ impl BakedTape {
             .par_chunks_mut(stride)
             .zip(filters)
             .for_each(|(samples, filter)| filter_samples(instructions, samples, modulated, filter));
+    }
+
+    /// Class of a strain.
+    pub fn class(beam: &Beam, strain: f64) -> i32 {
+        nearest(strain / beam.grain.strain_step) as i32
+    }
+
+    /// Prepares the tape for tissue with strains of these classes, from the first to the last. The tape was baked.
+    pub fn strain(&mut self, instructions: Instructions, beam: &Beam, classes: [i32; 2]) {
+        let [first, last] = classes;
+        let kept = self.first_class..self.first_class + self.strained.len() as i32;
+        let mut strained = core::mem::take(&mut self.strained);
+        let (mut before, mut after) = (first..first, first..last + 1);
+        if !kept.is_empty() {
+            (before, after) = (first.min(kept.start)..kept.start, kept.end..last.max(kept.end - 1) + 1);
+            self.first_class = before.start;
+        } else {
+            self.first_class = first;
+        }
+        let bake =
+            |class: i32| self.bake_strained(instructions, beam, f64::from(class) * beam.grain.strain_step);
+        let mut baked: Vec<Strained> = before.clone().into_par_iter().map(bake).collect();
+        baked.append(&mut strained);
+        baked.extend(after.into_par_iter().map(bake).collect::<Vec<_>>());
+        self.strained = baked;
+    }
+
+    /// What [`Self::strain`] prepared for a class.
+    #[inline]
+    pub fn strained(&self, class: i32) -> &Strained {
+        &self.strained[(class - self.first_class) as usize]
+    }
+
+    fn bake_strained(&self, instructions: Instructions, beam: &Beam, strain: f64) -> Strained {
+        let filters = delay_filters(beam, self.row_step_m * (1.0 - strain), self.lateral_slope);
+        let count = filters.len();
+        let phase_per_row_rad = beam.two_k_rad_m * self.row_step_m * strain;
+        let turned = filters.iter().enumerate().map(|(s, filter)| {
+            let fraction = s as f64 / count as f64 - 0.5;
+            core::array::from_fn(|m| {
+                let off = m as f64 - DELAY_REACH as f64 - fraction;
+                let (sin, cos) = libm::sincos(-phase_per_row_rad * off);
+                [filter[m] * cos as f32, filter[m] * sin as f32]
+            })
+        });
+        let filters: Vec<[[f32; 2]; DELAY_TAPS]> = turned.collect();
+        let mut samples = vec![0; count * self.stride];
+        for (samples, filter) in samples.chunks_mut(self.stride).zip(&filters) {
+            filter_strained(instructions, samples, &self.modulated, filter);
+        }
+        Strained { samples, filters }
     }
 
     fn modulate(&mut self, phase_per_row_rad: f64) {
@@ -171,6 +234,29 @@ wide! {
                 }
                 for (s, &t) in sum_im.iter_mut().zip(&im[first..][..BLOCK]) {
                     *s += tap * t;
+                }
+            }
+            for ((o, &re), &im) in out.iter_mut().zip(&sum_re).zip(&sum_im) {
+                *o = pack(re, im);
+            }
+        }
+    }
+}
+
+wide! {
+    /// The same by complex taps.
+    fn filter_strained(out: &mut [u32], modulated: &[Vec<f32>; 2], filter: &[[f32; 2]; DELAY_TAPS]) {
+        let [re, im] = modulated;
+        for (index, out) in out.chunks_mut(BLOCK).enumerate() {
+            let (mut sum_re, mut sum_im) = ([0.0f32; BLOCK], [0.0f32; BLOCK]);
+            for (m, &[cos, sin]) in filter.iter().enumerate() {
+                let first = index * BLOCK + DELAY_TAPS - 1 - m;
+                let (re, im) = (&re[first..][..BLOCK], &im[first..][..BLOCK]);
+                for i in 0..BLOCK {
+                    sum_re[i] += cos * re[i] - sin * im[i];
+                }
+                for i in 0..BLOCK {
+                    sum_im[i] += cos * im[i] + sin * re[i];
                 }
             }
             for ((o, &re), &im) in out.iter_mut().zip(&sum_re).zip(&sum_im) {

@@ -88,19 +88,25 @@ fn bytes_do_not_depend_on_the_instructions_of_the_cpu() {
 #[test]
 fn a_picture_at_rest_is_the_one_drawn_anew() {
     let mut renderer = Renderer::new(probe(), needle(), gel(), 1);
-    for pose in &poses()[..3] {
-        let mut slice = scene(*pose, 0);
+    let all = scenes(0);
+    let pressed = all.iter().position(|slice| slice.indentation.is_some()).expect("a press");
+    for index in [0, 1, 2, pressed, pressed + 1] {
+        let mut slice = all[index].clone();
         render(&mut renderer, &slice);
         for (sequence, gain_db) in [(1, 0.0), (2, -3.0), (7, 4.0)] {
-            (slice.sequence, slice.gain_db) = (sequence, gain_db);
+            (slice.sequence, slice.gain_db, slice.noise_gain_db) = (sequence, gain_db, 2.0 * gain_db);
             let fresh = render(&mut Renderer::new(probe(), needle(), gel(), 1), &slice);
             assert!(render(&mut renderer, &slice) == fresh, "image {sequence} differs");
         }
         // What the field depends on, one by one.
-        let mut changed = vec![slice.clone(), slice.clone(), slice.clone()];
+        let mut changed = vec![slice.clone(); 7];
         changed[0].needle_gain_db = -6.0;
         changed[1].needle = None;
         changed[2].element_gap_m[60..90].fill(1e-3);
+        let indentation = press(&slice.phantom_from_probe, 20e-3, 1e-3);
+        changed[3].indentation = if slice.indentation.is_some() { None } else { Some(indentation) };
+        changed[4].phantom_from_probe.translation.vector.x += 1e-4;
+        changed[6].element_loss_db = vec![20.0; 100];
         for slice in changed {
             let fresh = render(&mut Renderer::new(probe(), needle(), gel(), 1), &slice);
             assert!(render(&mut renderer, &slice) == fresh, "an old field is shown");

@@ -158,6 +158,42 @@ fn a_blind_part_of_the_array_darkens_its_lines_only() {
 }
 
 #[test]
+fn truth_a_shadow_takes_its_decibels_from_what_only_shadowed_elements_see() {
+    let probe = quiet_probe();
+    let mut slice = slice(pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+    slice.needle = Some(needle_in_probe(&slice.phantom_from_probe, [2.0, 0.0, 20.0], [0.8, 0.0, 0.6], 30.0));
+    let whole = picture(&probe, &gel(), &slice);
+    slice.element_loss_db = vec![0.0; 192];
+    assert!(picture(&probe, &gel(), &slice) == whole, "no loss changes something");
+    // Right of the middle, 12 dB there and back are 51 of 255 levels of 60 dB.
+    slice.element_loss_db[96..].fill(12.0);
+    let image = picture(&probe, &gel(), &slice);
+    // The aperture of a row is half its depth wide, as F# is 2; speckle is some 2 lines wider.
+    for row in 60..300 {
+        let reach_px = row / 4 + 6;
+        let levels = |image: &Image, column: usize| i32::from(image.pixels[row * 640 + column]);
+        for column in (140..320 - reach_px).chain(320 + reach_px..500) {
+            let (before, after) = (levels(&whole, column), levels(&image, column));
+            let taken = if column < 320 { 0 } else { 51 };
+            // Black and white have no decibels; half a level of rounding each.
+            if (52..255).contains(&before) {
+                assert!((before - after - taken).abs() <= 1, "row {row}, column {column}: {before}, {after}");
+            }
+        }
+    }
+    // Half of the aperture takes 6 dB each way: 2·20·log10((1 + 10^(−6/20))/2) = −5.0 dB.
+    slice.needle = None;
+    let mean = |slice: &sonoloop_types::Slice| {
+        let image = picture(&probe, &gel(), slice);
+        (100..300u32).map(|row| f64::from(image.row(row)[320])).sum::<f64>() / 200.0 * 60.0 / 255.0
+    };
+    let shadowed = mean(&slice);
+    slice.element_loss_db.clear();
+    let taken_db = mean(&slice) - shadowed;
+    assert!((taken_db - 5.0).abs() < 0.4, "{taken_db} dB at the edge");
+}
+
+#[test]
 fn bands_of_ringing_slant_under_a_probe_that_is_lifted_on_one_side() {
     let probe = quiet_probe();
     // From contact in the middle to 0.48 mm at the left end.

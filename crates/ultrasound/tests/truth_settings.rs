@@ -96,6 +96,23 @@ fn truth_gain_and_speckle_level_move_every_pixel_by_their_db() {
 }
 
 #[test]
+fn truth_noise_moves_every_pixel_of_an_empty_picture_by_its_db() {
+    let noisy = ProbeSpec { noise_level_db: -25.0, ..probe() };
+    let empty = |noise_gain_db: f64| {
+        let slice = Slice { noise_gain_db, ..slice(pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)) };
+        let mut image = Image::black(640, 480);
+        Renderer::new(noisy.clone(), needle(), water(), 9).render(&slice, &mut image);
+        image
+    };
+    // 8 dB of 60 are 34 levels.
+    for [a, b] in pairs(&empty(0.0), &empty(8.0)) {
+        assert!((b - a - 34.0).abs() <= 1.0, "{a} became {b}");
+    }
+    // Nonsense changes nothing.
+    assert!(empty(f64::NAN) == empty(0.0));
+}
+
+#[test]
 fn truth_a_target_lies_at_its_depth_over_the_spacing() {
     // A tip without a shaft, 20 mm deep and 3 mm to the right.
     let tip = NeedleSpec { specular_level_db: -300.0, rough_level_db: -300.0, ..needle() };

@@ -33,6 +33,24 @@ pub enum Answer {
     Refused(CommandReceipt),
 }
 
+impl Answer {
+    /// Reads a message that arrived as a command in a run whose newest image is `newest_sequence`.
+    pub fn read(message: &CommandMessage, run_id: u64, newest_sequence: Option<u64>) -> Self {
+        let refused = |answers, refusal| Self::Refused(CommandReceipt { answers, refused: Some(refusal) });
+        if let Err(defect) = message.check_origin(run_id) {
+            // Of another version or run, `answers` means nothing.
+            refused(u64::MAX, defect.refusal())
+        } else if Some(message.answers) > newest_sequence {
+            refused(message.answers, Refusal::UnknownImage)
+        } else {
+            match message.decode(run_id) {
+                Ok(command) => Self::Command(command),
+                Err(defect) => refused(message.answers, defect.refusal()),
+            }
+        }
+    }
+}
+
 /// The simulator's end: creates every service of the public domain, publishes images, takes commands.
 ///
 /// Not `Send`: it stays in the thread that made it.
@@ -196,18 +214,7 @@ impl SimEndpoint {
         self.fetch_checkpoint()?;
         // A copy first: the sender could still write to shared memory.
         let message = *sample.payload();
-        let refused = |answers, refusal| Answer::Refused(CommandReceipt { answers, refused: Some(refusal) });
-        Ok(Some(if let Err(defect) = message.check_origin(self.run_id) {
-            // Of another version or run, `answers` means nothing.
-            refused(u64::MAX, defect.refusal())
-        } else if Some(message.answers) > self.newest_sequence {
-            refused(message.answers, Refusal::UnknownImage)
-        } else {
-            match message.decode(self.run_id) {
-                Ok(command) => Answer::Command(command),
-                Err(defect) => refused(message.answers, defect.refusal()),
-            }
-        }))
+        Ok(Some(Answer::read(&message, self.run_id, self.newest_sequence)))
     }
 
     /// What [`Self::wait_answer`] discarded since the last call, oldest first. `answers` is `u64::MAX` where

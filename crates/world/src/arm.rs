@@ -47,6 +47,7 @@ pub(crate) struct Arm {
     set_angles_rad: Joints,
     set_speed_rad_s: Joints,
     status: ArmStatus,
+    stalled: bool,
     /// Link poses and flange of this tick, base frame.
     poses: [Pose; 7],
 }
@@ -91,6 +92,7 @@ impl Arm {
             set_angles_rad: angles_rad,
             set_speed_rad_s: [0.0; 6],
             status: ArmStatus::Ready,
+            stalled: false,
             poses,
         }
     }
@@ -160,6 +162,23 @@ impl Arm {
         self.status = ArmStatus::Collision;
         self.set_speed_rad_s = [0.0; 6];
         self.motion.stop();
+    }
+
+    /// Stops every joint while `stalled`, and sets out again from where the arm came to rest once it no longer is. The
+    /// press stands as well; [`Self::control`] must not be called meanwhile.
+    pub(crate) fn stall(&mut self, model: &ArmModel, stalled: bool) {
+        match (self.stalled, stalled) {
+            (false, true) => {
+                self.set_speed_rad_s = [0.0; 6];
+                self.motion.stop();
+            }
+            (true, false) if self.status != ArmStatus::Collision => self.release(model),
+            _ => {}
+        }
+        self.stalled = stalled;
+        if stalled && self.status != ArmStatus::Collision {
+            self.status = ArmStatus::Holding;
+        }
     }
 
     /// Joint angles at the target, to see whether the way there is free.

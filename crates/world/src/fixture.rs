@@ -272,6 +272,7 @@ pub fn scenario() -> Scenario {
             yaw_speed_rad_s: 0.1,
             max_search_travel_m: 0.1,
             max_search_s: 20.0,
+            ..ServoSettings::default()
         },
         delays: DelaySpec { image_ticks: 40, command_ticks: 10 },
         disturbances: Vec::new(),

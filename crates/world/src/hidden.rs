@@ -7,7 +7,7 @@
 use nalgebra::UnitQuaternion;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
+use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use sonoloop_scenario::{CalibrationSpec, PlacementSpec};
 use sonoloop_types::{Pose, Vector};
 
@@ -22,6 +22,8 @@ pub(crate) enum Stream {
     Force,
     RobotToRobot,
     Encoders,
+    Drops,
+    Garbage,
     Hand,
     Reaction,
 }
@@ -92,6 +94,23 @@ pub(crate) fn force_noise_n(seed: u64, sequence: u64, sigma_n: f64) -> f64 {
     let mut rng = generator(seed, Stream::Force);
     rng.set_word_pos(u128::from(sequence) * WORDS_PER_IMAGE);
     scalar(&mut rng, sigma_n)
+}
+
+/// Evenly in 0…1 for image `sequence`: whether it is dropped.
+pub(crate) fn uniform_for_drop(seed: u64, sequence: u64) -> f64 {
+    let mut rng = generator(seed, Stream::Drops);
+    rng.set_word_pos(u128::from(sequence) * WORDS_PER_IMAGE);
+    StandardUniform.sample(&mut rng)
+}
+
+/// Random words to make garbage of one answer.
+pub type GarbageWords = [u64; 24];
+
+/// The words for the answer to image `sequence`.
+pub(crate) fn garbage_words(seed: u64, sequence: u64) -> GarbageWords {
+    let mut rng = generator(seed, Stream::Garbage);
+    rng.set_word_pos(u128::from(sequence) * WORDS_PER_IMAGE);
+    std::array::from_fn(|_| StandardUniform.sample(&mut rng))
 }
 
 pub(crate) fn generator(seed: u64, stream: Stream) -> ChaCha8Rng {

@@ -51,6 +51,7 @@ mod truth;
 mod world;
 
 pub use error::WorldError;
+pub use hidden::GarbageWords;
 pub use ik::Unreachable;
 pub use model::PROTOCOL;
 pub use phantom::tissue;

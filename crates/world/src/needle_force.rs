@@ -251,6 +251,23 @@ mod tests {
     }
 
     #[test]
+    fn a_phantom_that_draws_back_takes_an_unpierced_face_off_the_tip() {
+        let (_, resistance) = rig(Some(harder()));
+        let mut passage = Passage::at_rest(&resistance, 0.0199);
+        let mut at =
+            |hub_m: f64| (passage.step(&resistance, hub_m), passage.carried_m, resistance.force_n(&passage));
+        at(0.02);
+        let (pierced, carried_m, pressed_n) = at(0.0205);
+        assert!(!pierced && (carried_m - 0.5e-3).abs() < 1e-12);
+        let (pierced, carried_m, free_n) = at(0.0195);
+        assert!(!pierced && carried_m == 0.0 && free_n < pressed_n);
+        // And it is met again.
+        at(0.02);
+        let (_, carried_m, again_n) = at(0.0205);
+        assert!((carried_m - 0.5e-3).abs() < 1e-12 && (again_n - pressed_n).abs() < 1e-12);
+    }
+
+    #[test]
     fn truth_a_thicker_needle_meets_more_by_its_diameter() {
         let (path, thin) = rig(Some(harder()));
         let thick = Resistance { scale: 2.0 * thin.scale, ..thin.clone() };

@@ -4,15 +4,15 @@ use std::sync::Arc;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Indentation, NeedlePath, Point, Pose,
-    Refusal, Setup, Slice, Tissue, Truth, Vector,
+    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, NeedlePath, Pose, Refusal, Setup,
+    Slice, Tissue, Truth, Vector,
 };
 
 use crate::WorldError;
 use crate::arm::{Arm, CONTROL_TICKS};
-use crate::contact::Touch;
+use crate::contact::{Touch, element_x_m};
 use crate::hand::Attention;
-use crate::hidden::force_noise_n;
+use crate::hidden::{GarbageWords, force_noise_n, garbage_words, uniform_for_drop};
 use crate::inbox::{Bounds, Inbox};
 use crate::model::Model;
 use crate::needle_feed::Feed;
@@ -95,7 +95,7 @@ impl World {
             passage: Passage::at_rest(&model.resistance, start_m),
             touch: Touch::resting(&model.contact, &world_from_probe),
             press,
-            timeline: Timeline::new(scenario.delays.image_ticks),
+            timeline: Timeline::new(&scenario.delays),
             inbox: Inbox::new(),
             flange_from_probe,
             world_from_probe,
@@ -139,6 +139,27 @@ impl World {
         self.state.timeline.tracker_down()
     }
 
+    /// True while the scenario lets the tracker hang: it gets images, and no answer is due.
+    pub fn tracker_hung(&self) -> bool {
+        self.state.timeline.tracker_hung()
+    }
+
+    /// Random words for an answer to image `sequence` that arrives now, when the scenario makes garbage of it.
+    pub fn garbage(&self, sequence: u64) -> Option<GarbageWords> {
+        self.state.timeline.tracker_garbage().then(|| garbage_words(self.model.scenario.seed, sequence))
+    }
+
+    /// True while the scanner hands out its last picture again.
+    pub fn images_frozen(&self) -> bool {
+        self.state.timeline.images_frozen()
+    }
+
+    /// True when the picture `sequence`, taken now, is lost before it is published.
+    pub fn drops_image(&self, sequence: u64) -> bool {
+        let share = self.state.timeline.dropped_share();
+        share > 0.0 && uniform_for_drop(self.model.scenario.seed, sequence) < share
+    }
+
     /// Commands refused so far.
     pub fn refused_commands(&self) -> u64 {
         self.state.refused_commands
@@ -161,7 +182,7 @@ impl World {
         let bounds = Bounds {
             limits: &scenario.limits,
             base_from_probe_at_start: &self.model.base_from_probe_at_start,
-            command_delay_ticks: scenario.delays.command_ticks,
+            command_delay_ticks: self.state.timeline.command_delay_ticks,
         };
         let receipt = self.state.inbox.submit(command, self.state.tick, &bounds);
         self.state.report(&receipt);
@@ -201,11 +222,30 @@ impl World {
                 swaying(model.path.seen_at(state.passage.tip_m), &sway)
             }),
             needle_gain_db: state.timeline.needle_gain_db,
-            element_gap_m: model.contact.element_gaps_m(&phantom_from_probe, &model.scenario.probe),
+            element_gap_m: self.element_gaps_m(&phantom_from_probe),
+            element_loss_db: self.element_losses_db(),
             indentation: model.contact.indentation(&phantom_from_probe),
             drag: state.passage.drag(&model.path),
             gain_db: state.timeline.gain_db,
+            noise_gain_db: state.timeline.noise_gain_db,
         }
+    }
+
+    /// Gap under each element: the surface's, or where gel is lost.
+    fn element_gaps_m(&self, phantom_from_probe: &Pose) -> Vec<f32> {
+        let (state, probe) = (&self.state, &self.model.scenario.probe);
+        let mut gaps_m = self.model.contact.element_gaps_m(phantom_from_probe, probe);
+        for (element, gap_m) in (0..probe.elements).zip(&mut gaps_m) {
+            *gap_m = gap_m.max(state.timeline.gap_m(element_x_m(probe, element)) as f32);
+        }
+        gaps_m
+    }
+
+    /// What shadows take from each element; nothing at all without one.
+    fn element_losses_db(&self) -> Vec<f32> {
+        let (timeline, probe) = (&self.state.timeline, &self.model.scenario.probe);
+        let elements = if timeline.any_shadow() { probe.elements } else { 0 };
+        (0..elements).map(|element| timeline.loss_db(element_x_m(probe, element)) as f32).collect()
     }
 
     /// What the rig measures with a picture taken now: noisy joint encoders and the *nominal* mount, noisy depth and
@@ -237,9 +277,11 @@ impl World {
         let probe_from_path = phantom_from_probe.inverse() * sway;
         let sight = truth::sight(&model.scenario, &model.path, &probe_from_path, state.passage.tip_m);
         let tip_in_phantom = sway * sight.tip_on_path;
-        let dragged_m = state.passage.drag(&model.path).map(|drag| drag.displacement_m(model.target_at_rest));
-        let target_in_phantom = pressed(model.contact.indentation(&phantom_from_probe), model.target_at_rest)
-            + dragged_m.unwrap_or_default();
+        let press = model.contact.indentation(&phantom_from_probe);
+        let drag = state.passage.drag(&model.path);
+        let target_in_phantom = model.target_at_rest
+            + press.map_or_else(Vector::zeros, |press| press.displacement_m(model.target_at_rest))
+            + drag.map_or_else(Vector::zeros, |drag| drag.displacement_m(model.target_at_rest));
         Truth {
             tick: state.tick,
             world_from_probe: state.world_from_probe,
@@ -250,6 +292,7 @@ impl World {
             visible: truth::visible(
                 &model.scenario.probe,
                 &model.contact,
+                &state.timeline,
                 &phantom_from_probe,
                 &sight.tip_in_probe,
             ),
@@ -276,11 +319,6 @@ fn swaying(needle: NeedlePath, sway: &Pose) -> NeedlePath {
         axis_in_phantom: sway * needle.axis_in_phantom,
         bevel_normal_in_phantom: sway * needle.bevel_normal_in_phantom,
     }
-}
-
-/// Where a point of the resting phantom is now.
-fn pressed(indentation: Option<Indentation>, rest: Point) -> Point {
-    rest + indentation.map_or_else(Vector::zeros, |press| press.displacement_m(rest))
 }
 
 impl State {
@@ -316,12 +354,14 @@ impl State {
         let scenario = &model.scenario;
         self.tick += 1;
         self.timeline.step(&scenario.disturbances, self.tick, &mut self.events);
+        self.world_from_phantom.translation.vector = self.timeline.phantom_shift_m(self.tick);
         while let Some(command) = self.inbox.pop_due(self.tick) {
             self.obey(model, &command);
         }
         self.watch_for_silence(scenario.needle_robot.watchdog_ticks);
         self.feed_needle(model);
-        if self.tick.is_multiple_of(CONTROL_TICKS) {
+        self.arm.stall(&model.arm, self.timeline.arm_stalled());
+        if self.tick.is_multiple_of(CONTROL_TICKS) && !self.timeline.arm_stalled() {
             self.control_arm(model);
         }
         self.arm.step(&model.arm);
@@ -331,7 +371,6 @@ impl State {
         }
         self.world_from_probe =
             scenario.arm.world_from_base * self.arm.base_from_flange() * self.flange_from_probe;
-        self.world_from_phantom.translation.vector = self.timeline.phantom_shift_m(self.tick);
         self.pass_through(model);
         self.touch.step(&model.contact, &self.phantom_from_probe());
         if self.press.watch(self.touch.force_n) {
@@ -350,6 +389,9 @@ impl State {
             self.arm.keep_target();
             return;
         };
+        if self.timeline.arm_stalled() {
+            return;
+        }
         let was_unreachable = self.arm.status() == ArmStatus::Unreachable;
         if let Err(why) = self.arm.set_target(&model.arm, target)
             && !was_unreachable

@@ -443,6 +443,127 @@ fn gain_brightness_delay_and_the_trackers_death_follow_the_timeline() {
     assert_eq!(of(EventKind::TrackerRestarted), [800]);
 }
 
+/// A world that was stepped to `tick` with one disturbance at tick 100.
+fn disturbed(kind: DisturbanceKind, tick: u64) -> World {
+    let mut scenario = no_hidden_errors(scenario());
+    scenario.disturbances = vec![Disturbance { tick: 100, kind }];
+    let mut world = World::new(&scenario).unwrap();
+    while world.tick() < tick {
+        world.step();
+    }
+    world
+}
+
+#[test]
+fn lost_gel_is_a_gap_where_it_is_lost_and_hides_a_tip_below_it() {
+    let tip_m = World::new(&no_hidden_errors(scenario())).unwrap().truth().tip_in_probe.x;
+    let lost = |from_m: f64, to_m: f64, tick| {
+        let kind = DisturbanceKind::GelLost { from_m, to_m, gap_m: 3e-4, duration_ticks: 500 };
+        disturbed(kind, tick)
+    };
+    let world = lost(tip_m - 8e-3, tip_m + 8e-3, 101);
+    let gaps = world.slice(0).element_gap_m;
+    for (element, gap_m) in (0..).zip(&gaps) {
+        let x_m = (f64::from(element) - 95.5) * 0.2e-3;
+        assert_eq!(*gap_m, if (x_m - tip_m).abs() <= 8e-3 { 3e-4 } else { 0.0 }, "{x_m}");
+    }
+    assert!(gaps.iter().any(|gap| *gap > 0.0) && !world.truth().visible);
+    assert!(lost(tip_m + 9e-3, tip_m + 12e-3, 101).truth().visible, "beside the tip");
+    for tick in [99, 600] {
+        let world = lost(tip_m - 8e-3, tip_m + 8e-3, tick);
+        assert!(world.truth().visible && world.slice(0).element_gap_m.iter().all(|gap| *gap == 0.0));
+    }
+}
+
+#[test]
+fn a_shadow_weakens_its_elements_and_hides_a_tip_from_six_decibels_on() {
+    let tip_m = World::new(&no_hidden_errors(scenario())).unwrap().truth().tip_in_probe.x;
+    let shadow = |loss_db: f64, tick| {
+        let kind = DisturbanceKind::Shadow { x_m: tip_m, width_m: 16e-3, loss_db, duration_ticks: 500 };
+        disturbed(kind, tick)
+    };
+    let world = shadow(20.0, 101);
+    let losses = world.slice(0).element_loss_db;
+    let shadowed = losses.iter().filter(|loss| **loss == 20.0).count();
+    assert!(losses.len() == 192 && (79..=81).contains(&shadowed), "{shadowed} of 80 elements");
+    // 10^(−6.02/20) is a half.
+    assert!(!world.truth().visible && !shadow(6.1, 101).truth().visible && shadow(5.9, 101).truth().visible);
+    let after = shadow(20.0, 600);
+    assert!(after.truth().visible && after.slice(0).element_loss_db.is_empty());
+}
+
+#[test]
+fn noise_delays_and_faults_of_scanner_and_tracker_follow_the_timeline() {
+    assert_eq!(disturbed(DisturbanceKind::Noise { gain_db: 9.0 }, 101).slice(0).noise_gain_db, 9.0);
+    let duration_ticks = 50;
+    for (tick, expected) in [(99, false), (100, true), (149, true), (150, false)] {
+        let world = |kind| disturbed(kind, tick);
+        let frozen = world(DisturbanceKind::FrozenImages { duration_ticks });
+        assert_eq!((frozen.images_frozen(), frozen.truth().visible), (expected, !expected), "{tick}");
+        assert_eq!(world(DisturbanceKind::TrackerHung { duration_ticks }).tracker_hung(), expected, "{tick}");
+        let garbage = world(DisturbanceKind::TrackerGarbage { duration_ticks });
+        assert_eq!(garbage.garbage(3).is_some(), expected, "{tick}");
+        assert_eq!(garbage.garbage(3), garbage.garbage(3));
+        let dropped = world(DisturbanceKind::DroppedImages { share: 1.0, duration_ticks });
+        assert_eq!(dropped.drops_image(2), expected, "{tick}");
+    }
+    let garbage = disturbed(DisturbanceKind::TrackerGarbage { duration_ticks }, 120);
+    assert_ne!(garbage.garbage(3), garbage.garbage(4));
+    // Of ten thousand images a share of 0.3 is known to 0.0046; this is four times as much.
+    let dropped = disturbed(DisturbanceKind::DroppedImages { share: 0.3, duration_ticks }, 120);
+    let lost = (0..10_000).filter(|image| dropped.drops_image(*image)).count() as f64 / 1e4;
+    assert!((lost - 0.3).abs() < 0.0184, "{lost}");
+}
+
+#[test]
+fn commands_act_so_much_later_once_their_delay_has_stepped() {
+    let began = |delay: Option<u64>| {
+        let mut scenario = scenario();
+        let kinds = delay.map(|command_ticks| DisturbanceKind::CommandDelay { command_ticks });
+        scenario.disturbances = kinds.map(|kind| Disturbance { tick: 50, kind }).into_iter().collect();
+        let mut rig = Loop::new(&scenario);
+        // The first command that feeds answers the image of tick 80.
+        let answer = |_: &World, image: &Acquisition| {
+            Some(command(image.sequence, None, if image.sequence < 2 { 0.0 } else { 0.005 }))
+        };
+        let mut answer = answer;
+        (0..400).find(|_| {
+            rig.run(1, &mut answer);
+            rig.world.truth().feed_m_s > 0.0
+        })
+    };
+    let (usual, late) = (began(None).unwrap(), began(Some(90)).unwrap());
+    assert_eq!(late - usual, 90 - scenario().delays.command_ticks);
+}
+
+#[test]
+fn a_stalled_arm_stands_whatever_it_is_told_and_then_goes_where_it_was_told() {
+    let mut scenario = scenario();
+    scenario.disturbances =
+        vec![Disturbance { tick: 150, kind: DisturbanceKind::ArmStall { duration_ticks: 1500 } }];
+    let mut rig = Loop::new(&scenario);
+    let start = rig.world.acquisition(0).base_from_probe;
+    let target = start * Pose::translation(0.0, 8e-3, 0.0);
+    let send = |_: &World, image: &Acquisition| Some(command(image.sequence, Some(target), 0.0));
+    // Under way when it stalls; then it brakes within its limits.
+    rig.run(600, send);
+    assert_eq!(rig.world.acquisition(0).arm_status, ArmStatus::Holding);
+    let stalled = rig.world.truth().world_from_probe;
+    let gone_m = (start.inverse() * rig.world.acquisition(0).base_from_probe).translation.vector.norm();
+    assert!((1e-3..7.9e-3).contains(&gone_m), "{gone_m}");
+    let farther = target * Pose::translation(0.0, 2e-3, 0.0);
+    rig.run(790, |_, image| Some(command(image.sequence, Some(farther), 0.0)));
+    assert_eq!(rig.world.acquisition(0).arm_status, ArmStatus::Holding);
+    let moved = stalled.inverse() * rig.world.truth().world_from_probe;
+    assert!(moved.translation.vector.norm() < 1e-9, "{moved}");
+    rig.run(2000, send);
+    let acquisition = rig.world.acquisition(0);
+    assert_eq!(acquisition.arm_status, ArmStatus::Ready);
+    let left = (target.inverse() * acquisition.base_from_probe).translation.vector.xy().norm();
+    assert!(left < 1e-5, "{left}");
+    assert!((rig.world.truth().contact_force_n - 3.0).abs() < 0.05);
+}
+
 #[test]
 fn truth_visible_ends_at_half_the_slice_thickness() {
     // The probe is slid out of plane in small steps; visibility must end where the table says.

@@ -71,9 +71,11 @@ impl View {
             needle: self.needle.map(|needle| needle.path(&phantom_from_probe)),
             needle_gain_db: 0.0,
             element_gap_m: (0..probe.elements).map(gap_m).collect(),
+            element_loss_db: Vec::new(),
             indentation: None,
             drag: None,
             gain_db: self.gain_db,
+            noise_gain_db: 0.0,
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::record::Recording;
 /// The metrics of `summary.json`, in its order and under its names. `None` where a metric has no value.
 ///
 /// *Visible*: the tip lies within half the −6 dB slice thickness at its depth, inside the picture, and the
-/// probe is in contact. *Wrong*: not visible, or more than 2 mm off in the picture. An image is compared
+/// aperture above it is in contact (0.71 of it, −6 dB two-way). *Wrong*: not visible, or more than 2 mm off in the picture. An image is compared
 /// with the truth at its own acquisition tick; an image without an answer is not TRACKING.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Metrics {

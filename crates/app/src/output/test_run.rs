@@ -162,6 +162,7 @@ fn servo() -> ServoSettings {
         yaw_speed_rad_s: 0.1,
         max_search_travel_m: 0.1,
         max_search_s: 10.0,
+        ..ServoSettings::default()
     }
 }
 

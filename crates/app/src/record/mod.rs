@@ -14,7 +14,7 @@ use sonoloop_types::{Acquisition, Command, EndReason, Event, TrackState, Truth};
 pub struct TickRow {
     /// Tick of all values below.
     pub tick: u64,
-    /// The tip is within the slice, inside the picture, and the probe in contact.
+    /// The tip is within the slice, inside the picture, and enough of its aperture in contact.
     pub visible: bool,
     /// Signed distance of the tip from the plane.
     pub plane_to_tip_m: f64,

@@ -1,13 +1,13 @@
 use sonoloop_types::{
-    Guess, Init, Limits, Method, Optimisation, Profile, ServoSettings, Similarity, TrackerSettings,
-    UpdateStrategy, Warp,
+    Guess, Init, Limits, Method, Optimisation, Profile, SearchPattern, ServoSettings, Similarity,
+    TrackerSettings, UpdateStrategy, Warp,
 };
 
 use super::units::{m, rad, ticks_of_ms};
 use crate::document::Document;
 use crate::raw::{
-    RawCalibration, RawDelays, RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawServo, RawSimilarity,
-    RawTracker, RawUpdate, RawView, RawWarp,
+    RawCalibration, RawDelays, RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawSearchPattern,
+    RawServo, RawSimilarity, RawTracker, RawUpdate, RawView, RawWarp,
 };
 use crate::{CalibrationSpec, DelaySpec, LoadError, NeedleRobotSpec};
 
@@ -114,12 +114,14 @@ pub(super) fn servo(
     raw: &RawServo,
     limits: &RawLimits,
 ) -> Result<ServoSettings, LoadError> {
+    let max_search_force_n = raw.max_search_force_n.unwrap_or(0.75 * limits.max_contact_force_n);
     let bounds = [
         ("feed_mm_s", raw.feed_mm_s, "max_feed_mm_s", limits.max_feed_mm_s),
         ("slide_speed_mm_s", raw.slide_speed_mm_s, "max_probe_speed_mm_s", limits.max_probe_speed_mm_s),
         ("sweep_speed_mm_s", raw.sweep_speed_mm_s, "max_probe_speed_mm_s", limits.max_probe_speed_mm_s),
         ("sweep_reach_mm", raw.sweep_reach_mm, "max_probe_travel_mm", limits.max_probe_travel_mm),
         ("yaw_reach_deg", raw.yaw_reach_deg, "max_probe_turn_deg", limits.max_probe_turn_deg),
+        ("max_search_force_n", max_search_force_n, "max_contact_force_n", limits.max_contact_force_n),
     ];
     for (key, value, limit, bound) in bounds {
         if value > bound {
@@ -130,17 +132,36 @@ pub(super) fn servo(
     Ok(ServoSettings {
         feed_m_s: m(raw.feed_mm_s),
         approach_m: m(raw.approach_mm),
+        arrived_m: m(raw.arrived_mm),
+        depth_margin_m: m(raw.depth_margin_mm),
         lateral_deadband_m: m(raw.lateral_deadband_mm),
+        slide_gain_per_s: raw.slide_gain,
         slide_speed_m_s: m(raw.slide_speed_mm_s),
         elevation_gain_per_s: raw.elevation_gain,
+        along_gain_per_s: raw.along_gain,
+        along_walk_m: m(raw.along_walk_mm),
+        tip_size_m: m(raw.tip_size_mm),
+        level_noise: raw.level_noise,
+        lead_s: raw.lead_ms / 1000.0,
         dither_m: m(raw.dither_mm),
         dither_period_s: raw.dither_period_s,
+        search: match raw.search {
+            RawSearchPattern::Elevation => SearchPattern::Elevation,
+            RawSearchPattern::Yaw => SearchPattern::Yaw,
+            RawSearchPattern::ElevationThenYaw => SearchPattern::ElevationThenYaw,
+            RawSearchPattern::Spiral => SearchPattern::Spiral,
+        },
+        look_s: raw.look_s,
+        confirm_s: raw.confirm_s,
+        crest_levels: raw.crest_levels,
+        candidate_reach_m: m(raw.candidate_reach_mm),
         sweep_speed_m_s: m(raw.sweep_speed_mm_s),
         sweep_reach_m: m(raw.sweep_reach_mm),
         yaw_reach_rad: rad(raw.yaw_reach_deg),
         yaw_speed_rad_s: rad(raw.yaw_speed_deg_s),
         max_search_travel_m: m(raw.max_search_travel_mm),
         max_search_s: raw.max_search_s,
+        max_search_force_n,
     })
 }
 

@@ -40,7 +40,8 @@ pub(super) fn disturbances(
 fn kind(document: &Document, key: &str, entry: &RawDisturbance) -> Result<(DisturbanceKind, f64), LoadError> {
     let mut kinds = Vec::new();
     if let Some(knock) = &entry.probe_knock {
-        if [knock.elevation_mm, knock.lateral_mm, knock.yaw_deg, knock.tilt_deg].iter().all(|v| *v == 0.0) {
+        let parts = [knock.elevation_mm, knock.lateral_mm, knock.yaw_deg, knock.tilt_deg, knock.roll_deg];
+        if parts.iter().all(|part| *part == 0.0) {
             return Err(
                 document.fail(&format!("{key}.probe_knock"), "must move the probe; every part of it is 0")
             );
@@ -68,6 +69,11 @@ fn kind(document: &Document, key: &str, entry: &RawDisturbance) -> Result<(Distu
     if let Some(delay) = &entry.image_delay {
         kinds.push((DisturbanceKind::ImageDelay { image_ticks: ticks_of_ms(delay.image_ms) }, 0.0));
     }
+    if let Some(delay) = &entry.command_delay {
+        kinds.push((DisturbanceKind::CommandDelay { command_ticks: ticks_of_ms(delay.command_ms) }, 0.0));
+    }
+    kinds.extend(lost_on_the_way(document, key, entry)?);
+    kinds.extend(stuck(entry));
     if let Some(breath) = &entry.breathing {
         let motion = PhantomMotion::Breathing {
             reach_m: shift(document, &format!("{key}.breathing"), [breath.x_mm, breath.y_mm, breath.z_mm])?,
@@ -95,10 +101,73 @@ fn kind(document: &Document, key: &str, entry: &RawDisturbance) -> Result<(Distu
         [one] => Ok(one),
         _ => Err(document.fail(
             &format!("{key}.at_s"),
-            "must come with exactly one of the keys probe_knock, lift_off, gain_change, needle_brightness, \
-             tracker_killed, image_delay, breathing, phantom_drift, phantom_step",
+            format!("must come with exactly one of the keys {}", RawDisturbance::KINDS),
         )),
     }
+}
+
+/// What happens to sound and pictures on their way to the tracker.
+fn lost_on_the_way(
+    document: &Document,
+    key: &str,
+    entry: &RawDisturbance,
+) -> Result<Vec<(DisturbanceKind, f64)>, LoadError> {
+    let mut kinds = Vec::new();
+    if let Some(lost) = &entry.gel_lost {
+        if lost.from_mm >= lost.to_mm {
+            let message = format!("must be above from_mm = {}", lost.from_mm);
+            return Err(document.fail(&format!("{key}.gel_lost.to_mm"), message));
+        }
+        let kind = DisturbanceKind::GelLost {
+            from_m: m(lost.from_mm),
+            to_m: m(lost.to_mm),
+            gap_m: m(lost.gap_mm),
+            duration_ticks: ticks(lost.duration_s),
+        };
+        kinds.push((kind, lost.duration_s));
+    }
+    if let Some(noise) = &entry.noise {
+        kinds.push((DisturbanceKind::Noise { gain_db: noise.gain_db }, 0.0));
+    }
+    if let Some(shadow) = &entry.shadow {
+        let kind = DisturbanceKind::Shadow {
+            x_m: m(shadow.x_mm),
+            width_m: m(shadow.width_mm),
+            loss_db: shadow.loss_db,
+            duration_ticks: ticks(shadow.duration_s),
+        };
+        kinds.push((kind, shadow.duration_s));
+    }
+    if let Some(span) = &entry.frozen_images {
+        let kind = DisturbanceKind::FrozenImages { duration_ticks: ticks(span.duration_s) };
+        kinds.push((kind, span.duration_s));
+    }
+    if let Some(dropped) = &entry.dropped_images {
+        let kind = DisturbanceKind::DroppedImages {
+            share: dropped.share,
+            duration_ticks: ticks(dropped.duration_s),
+        };
+        kinds.push((kind, dropped.duration_s));
+    }
+    Ok(kinds)
+}
+
+/// Who does not do what it is asked.
+fn stuck(entry: &RawDisturbance) -> Vec<(DisturbanceKind, f64)> {
+    let mut kinds = Vec::new();
+    if let Some(span) = &entry.arm_stall {
+        let kind = DisturbanceKind::ArmStall { duration_ticks: ticks(span.duration_s) };
+        kinds.push((kind, span.duration_s));
+    }
+    if let Some(span) = &entry.tracker_hung {
+        let kind = DisturbanceKind::TrackerHung { duration_ticks: ticks(span.duration_s) };
+        kinds.push((kind, span.duration_s));
+    }
+    if let Some(span) = &entry.tracker_garbage {
+        let kind = DisturbanceKind::TrackerGarbage { duration_ticks: ticks(span.duration_s) };
+        kinds.push((kind, span.duration_s));
+    }
+    kinds
 }
 
 /// Three values in millimetres (per second) in SI; a motion that moves nothing is a mistake.
@@ -113,7 +182,7 @@ fn shift(document: &Document, key: &str, mm: [f64; 3]) -> Result<Vector, LoadErr
 fn slip(knock: &RawKnock) -> Pose {
     Pose::from_parts(
         Translation3::new(m(knock.lateral_mm), m(knock.elevation_mm), 0.0),
-        UnitQuaternion::from_euler_angles(rad(knock.tilt_deg), 0.0, rad(knock.yaw_deg)),
+        UnitQuaternion::from_euler_angles(rad(knock.tilt_deg), rad(knock.roll_deg), rad(knock.yaw_deg)),
     )
 }
 

@@ -19,7 +19,7 @@ pub(crate) use scenario::{
     RawCalibration, RawDelays, RawInsertion, RawManual, RawPlacement, RawScenario, RawView,
 };
 pub(crate) use settings::{
-    RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawServo, RawSimilarity, RawTracker, RawUpdate,
-    RawWarp,
+    RawGuess, RawInit, RawLimits, RawMethod, RawProfile, RawSearchPattern, RawServo, RawSimilarity,
+    RawTracker, RawUpdate, RawWarp,
 };
 pub(crate) use timeline::{RawBound, RawDisturbance, RawKnock, RawNormal, RawRandomize};

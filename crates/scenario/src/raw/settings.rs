@@ -184,9 +184,24 @@ impl Default for RawTracker {
     }
 }
 
+/// How a search moves the plane.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawSearchPattern {
+    /// To and fro in elevation, wider each time.
+    Elevation,
+    /// To and fro in yaw about the last tip, wider each time.
+    Yaw,
+    /// In elevation, then in yaw.
+    ElevationThenYaw,
+    /// Round and round in the plane of elevation and yaw, wider each time.
+    Spiral,
+}
+
 /// How the arm and the needle are steered.
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
+#[garde(allow_unvalidated)]
 pub(crate) struct RawServo {
     /// Feed while the tip is tracked.
     #[garde(range(min = 0.1, max = 200.0))]
@@ -194,28 +209,66 @@ pub(crate) struct RawServo {
     /// Distance before the target over which the feed slows down.
     #[garde(range(min = 0.0, max = 50.0))]
     pub approach_mm: f64,
+    /// The target counts as reached this close before it.
+    #[garde(range(min = 0.0, max = 5.0))]
+    pub arrived_mm: f64,
+    /// The needle is never fed farther than this beyond the nominal depth of the target.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub depth_margin_mm: f64,
     /// Lateral: how far the tip may wander from the picture's middle before the probe slides.
     #[garde(range(min = 0.0, max = 32.0))]
     pub lateral_deadband_mm: f64,
+    /// Lateral: speed of the slide per distance beyond that band, per second.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub slide_gain: f64,
     /// Fastest slide while following.
     #[garde(range(min = 0.0, max = 200.0))]
     pub slide_speed_mm_s: f64,
-    /// Gain of the elevational hold, share of the estimated offset corrected per second; 0 is off.
+    /// Lateral: gain of the elevational hold, share of the estimated offset corrected per second; 0 is off.
     #[garde(range(min = 0.0, max = 50.0))]
     pub elevation_gain: f64,
+    /// Transverse: gain of the correction along the needle, share of the estimated distance corrected per second; 0 is off.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub along_gain: f64,
+    /// Transverse: how far the tip is thought to stray from the measured depth in one image, standard deviation.
+    #[garde(range(min = 0.0, max = 2.0))]
+    pub along_walk_mm: f64,
+    /// Transverse: size of the tip's echo along the needle, standard deviation; it widens the beam's profile.
+    #[garde(range(min = 0.0, max = 10.0))]
+    pub tip_size_mm: f64,
+    /// Transverse: scatter of the tip's grey level from image to image, standard deviation of the 0 to 255.
+    #[garde(range(min = 0.5, max = 100.0))]
+    pub level_noise: f64,
+    /// Transverse: by how much the plane leads the tip, in time, before the arm's lag has been measured.
+    #[garde(range(min = 0.0, max = 1000.0))]
+    pub lead_ms: f64,
     /// Amplitude of the elevational dither; 0 is off.
     #[garde(range(min = 0.0, max = 5.0))]
     pub dither_mm: f64,
     /// Period of the dither.
     #[garde(range(min = 0.08, max = 60.0))]
     pub dither_period_s: f64,
+    /// How a search after a loss moves the plane. In a transverse view elevation leads along the needle.
+    pub search: RawSearchPattern,
+    /// Time that the plane stands still after a loss before it is moved.
+    #[garde(range(min = 0.0, max = 60.0))]
+    pub look_s: f64,
+    /// Longest wait for the confirmation of a candidate.
+    #[garde(range(min = 0.04, max = 60.0))]
+    pub confirm_s: f64,
+    /// A candidate has passed its brightest when it fell by this many grey levels.
+    #[garde(range(min = 1.0, max = 200.0))]
+    pub crest_levels: f64,
+    /// A candidate farther than this from the last tip, in the picture, does not steer the search.
+    #[garde(range(min = 0.0, max = 100.0))]
+    pub candidate_reach_mm: f64,
     /// Speed of the elevational sweep after a loss.
     #[garde(range(min = 0.1, max = 200.0))]
     pub sweep_speed_mm_s: f64,
     /// Farthest the sweep goes to either side.
     #[garde(range(min = 0.0, max = 50.0))]
     pub sweep_reach_mm: f64,
-    /// Yaw searched when the sweep found nothing, to either side.
+    /// Yaw about the last tip that is searched, to either side.
     #[garde(range(min = 0.0, max = 60.0))]
     pub yaw_reach_deg: f64,
     /// Speed of that yaw.
@@ -227,6 +280,10 @@ pub(crate) struct RawServo {
     /// Most time that one search takes.
     #[garde(range(min = 0.1, max = 600.0))]
     pub max_search_s: f64,
+    /// The plane is not moved in a search while the contact force is above this; when left out, three quarters of
+    /// `limits.max_contact_force_n`.
+    #[garde(range(min = 0.1, max = 50.0))]
+    pub max_search_force_n: Option<f64>,
 }
 
 impl Default for RawServo {
@@ -234,17 +291,31 @@ impl Default for RawServo {
         Self {
             feed_mm_s: 10.0,
             approach_mm: 1.5,
+            arrived_mm: 0.15,
+            depth_margin_mm: 8.0,
             lateral_deadband_mm: 10.0,
+            slide_gain: 5.0,
             slide_speed_mm_s: 12.0,
             elevation_gain: 2.0,
+            along_gain: 4.0,
+            along_walk_mm: 0.03,
+            tip_size_mm: 0.35,
+            level_noise: 4.0,
+            lead_ms: 60.0,
             dither_mm: 0.15,
             dither_period_s: 0.4,
+            search: RawSearchPattern::ElevationThenYaw,
+            look_s: 0.2,
+            confirm_s: 0.8,
+            crest_levels: 8.0,
+            candidate_reach_mm: 6.0,
             sweep_speed_mm_s: 5.0,
             sweep_reach_mm: 7.0,
             yaw_reach_deg: 8.0,
             yaw_speed_deg_s: 10.0,
             max_search_travel_mm: 60.0,
             max_search_s: 15.0,
+            max_search_force_n: None,
         }
     }
 }

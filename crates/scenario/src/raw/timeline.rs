@@ -36,6 +36,42 @@ pub(crate) struct RawDisturbance {
     #[serde(default)]
     #[garde(dive)]
     pub image_delay: Option<RawImageDelay>,
+    /// From now on commands take effect later.
+    #[serde(default)]
+    #[garde(dive)]
+    pub command_delay: Option<RawCommandDelay>,
+    /// Gel is missing under a part of the array.
+    #[serde(default)]
+    #[garde(dive)]
+    pub gel_lost: Option<RawGelLost>,
+    /// The receiver's electronic noise steps.
+    #[serde(default)]
+    #[garde(dive)]
+    pub noise: Option<RawGain>,
+    /// Something between probe and skin takes sound from a part of the array.
+    #[serde(default)]
+    #[garde(dive)]
+    pub shadow: Option<RawShadow>,
+    /// The scanner hands out the last picture again and again; the rig's measurements go on.
+    #[serde(default)]
+    #[garde(dive)]
+    pub frozen_images: Option<RawSpan>,
+    /// Pictures are lost before anybody gets them.
+    #[serde(default)]
+    #[garde(dive)]
+    pub dropped_images: Option<RawDropped>,
+    /// The arm stops and obeys nothing, then goes on.
+    #[serde(default)]
+    #[garde(dive)]
+    pub arm_stall: Option<RawSpan>,
+    /// The tracker gets images and does not answer.
+    #[serde(default)]
+    #[garde(dive)]
+    pub tracker_hung: Option<RawSpan>,
+    /// What the tracker sends is garbage, drawn from the seed.
+    #[serde(default)]
+    #[garde(dive)]
+    pub tracker_garbage: Option<RawSpan>,
     /// The phantom moves to and fro until the end of the run.
     #[serde(default)]
     #[garde(dive)]
@@ -48,6 +84,13 @@ pub(crate) struct RawDisturbance {
     #[serde(default)]
     #[garde(dive)]
     pub phantom_step: Option<RawStep>,
+}
+
+impl RawDisturbance {
+    /// The keys beside `at_s`, each of which is one kind.
+    pub(crate) const KINDS: &str = "probe_knock, lift_off, gain_change, needle_brightness, tracker_killed, \
+         image_delay, command_delay, gel_lost, noise, shadow, frozen_images, dropped_images, arm_stall, \
+         tracker_hung, tracker_garbage, breathing, phantom_drift, phantom_step";
 }
 
 /// A breath: half of 1 − cos, along a direction of the world.
@@ -142,6 +185,10 @@ pub(crate) struct RawKnock {
     #[serde(default)]
     #[garde(range(min = -30.0, max = 30.0))]
     pub tilt_deg: f64,
+    /// About elevation: the picture turns, and one end of the array lifts.
+    #[serde(default)]
+    #[garde(range(min = -30.0, max = 30.0))]
+    pub roll_deg: f64,
     /// How long the slip takes.
     #[serde(default = "default_knock_s")]
     #[garde(range(min = 0.001, max = 60.0))]
@@ -189,6 +236,72 @@ pub(crate) struct RawImageDelay {
     /// From taking a picture to handing it out.
     #[garde(range(min = 0, max = 2000))]
     pub image_ms: u64,
+}
+
+/// How late commands act from then on.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawCommandDelay {
+    /// From the answer to its effect.
+    #[garde(range(min = 1, max = 2000))]
+    pub command_ms: u64,
+}
+
+/// Where gel is missing, how wide the gap is, and for how long.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawGelLost {
+    /// One end along the array; 0 is its middle.
+    #[garde(range(min = -100.0, max = 100.0))]
+    pub from_mm: f64,
+    /// The other end, to the right of the first.
+    #[garde(range(min = -100.0, max = 100.0))]
+    pub to_mm: f64,
+    /// Air between the elements and the skin.
+    #[garde(range(min = 0.001, max = 20.0))]
+    pub gap_mm: f64,
+    /// How long until gel has filled it again.
+    #[garde(range(min = 0.001, max = 600.0))]
+    pub duration_s: f64,
+}
+
+/// Where something is in the sound's way, how much it takes, and for how long.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawShadow {
+    /// Its middle along the array; 0 is the array's.
+    #[garde(range(min = -100.0, max = 100.0))]
+    pub x_mm: f64,
+    /// Along the array.
+    #[garde(range(min = 0.1, max = 200.0))]
+    pub width_mm: f64,
+    /// What it takes from sound that goes through it there and back.
+    #[garde(range(min = 0.1, max = 100.0))]
+    pub loss_db: f64,
+    /// How long it is there.
+    #[garde(range(min = 0.001, max = 600.0))]
+    pub duration_s: f64,
+}
+
+/// For how long.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawSpan {
+    /// How long it lasts.
+    #[garde(range(min = 0.001, max = 600.0))]
+    pub duration_s: f64,
+}
+
+/// How many pictures are lost, and for how long.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawDropped {
+    /// Share of the pictures; which ones, each seed draws.
+    #[garde(range(min = 0.001, max = 1.0))]
+    pub share: f64,
+    /// How long it lasts.
+    #[garde(range(min = 0.001, max = 600.0))]
+    pub duration_s: f64,
 }
 
 /// A value that each seed draws: `key` and exactly one of the other keys.

@@ -88,9 +88,11 @@ pub fn slice(phantom_from_probe: Pose) -> Slice {
         needle: None,
         needle_gain_db: 0.0,
         element_gap_m: vec![0.0; 192],
+        element_loss_db: Vec::new(),
         indentation: None,
         drag: None,
         gain_db: 0.0,
+        noise_gain_db: 0.0,
     }
 }
 

@@ -44,6 +44,7 @@ impl Coded for Reason {
         (Self::NoCandidate, 7),
         (Self::Candidate, 8),
         (Self::Restarted, 9),
+        (Self::Frozen, 10),
     ];
 }
 
@@ -105,7 +106,8 @@ mod tests {
             | Reason::Singular
             | Reason::NoCandidate
             | Reason::Candidate
-            | Reason::Restarted => check::<Reason>(10),
+            | Reason::Restarted
+            | Reason::Frozen => check::<Reason>(11),
         }
         match ArmStatus::Ready {
             ArmStatus::Ready | ArmStatus::Holding | ArmStatus::Collision | ArmStatus::Unreachable => {

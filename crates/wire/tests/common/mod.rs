@@ -56,6 +56,7 @@ pub fn setup(run_id: u64) -> Setup {
             yaw_speed_rad_s: 0.1,
             max_search_travel_m: 0.1,
             max_search_s: 20.0,
+            ..ServoSettings::default()
         },
     }
 }

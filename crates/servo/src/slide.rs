@@ -1,9 +1,6 @@
-//! Keep the tip in the picture.
+//! Lateral: keep the tip in the picture by sliding along the array.
 
-use sonoloop_types::{Point, Pose, ServoSettings, Vector};
-
-/// Gain from the tip's excess over the dead band to the slide's speed, per second.
-const SLIDE_GAIN_PER_S: f64 = 5.0;
+use sonoloop_types::{Point, ServoSettings};
 
 /// Lateral slide of the probe over `dt_s` for a tip seen at `tip_in_probe`, along the probe's x, metres.
 ///
@@ -11,14 +8,7 @@ const SLIDE_GAIN_PER_S: f64 = 5.0;
 pub fn slide_m(settings: &ServoSettings, tip_in_probe: &Point, dt_s: f64) -> f64 {
     let excess_m =
         tip_in_probe.x - tip_in_probe.x.clamp(-settings.lateral_deadband_m, settings.lateral_deadband_m);
-    (excess_m * SLIDE_GAIN_PER_S).clamp(-settings.slide_speed_m_s, settings.slide_speed_m_s) * dt_s
-}
-
-/// Elevational advance of a transverse plane that follows a tip fed by `fed_m`, along the probe's y, metres.
-///
-/// The plane is carried along the *nominal* axis; the error of its direction enters as 1 − cos.
-pub fn advance_m(base_from_probe: &Pose, axis_in_base: &Vector, fed_m: f64) -> f64 {
-    (base_from_probe.inverse() * axis_in_base).y * fed_m
+    (excess_m * settings.slide_gain_per_s).clamp(-settings.slide_speed_m_s, settings.slide_speed_m_s) * dt_s
 }
 
 #[cfg(test)]
@@ -34,11 +24,5 @@ mod tests {
         assert!(slide_m(&settings, &at(-11.0), 0.04) < 0.0);
         let most_m = settings.slide_speed_m_s * 0.04;
         assert!((slide_m(&settings, &at(40.0), 0.04) - most_m).abs() < 1e-12);
-    }
-
-    #[test]
-    fn truth_advance_is_the_feed_times_the_cosine() {
-        let axis = Vector::new(0.0, 0.8, 0.6);
-        assert!((advance_m(&Pose::identity(), &axis, 0.01) - 0.008).abs() < 1e-15);
     }
 }

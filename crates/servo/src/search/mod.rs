@@ -1,39 +1,29 @@
-//! Find a lost tip by moving the plane: look, sweep in elevation, then yaw about the last tip.
+//! Find a lost tip by moving the plane: look, then go along a pattern in elevation and yaw about the last tip.
 //!
 //! The needle stands still meanwhile. A sweep does not stop at the first candidate, which is the edge of the
 //! slice: it goes on until the candidate fades, fits the tip's level over the path, returns to its crest and only
-//! there lets the tracker confirm. Travel and time are bounded; not found is an honest end.
+//! there lets the tracker confirm. Travel, force and time are bounded; not found is an honest end.
 
-use nalgebra::{Matrix3, Vector3};
+mod crest;
+mod pattern;
+
 use serde::{Deserialize, Serialize};
 use sonoloop_types::ServoSettings;
 
-/// Time the plane stands still after a loss: the cause may pass by itself.
-const LOOK_S: f64 = 0.2;
-/// The same after a restart of the tracker: the needle went on unseen, the whole picture is searched.
+use crest::{Sample, brightest, crest_at};
+use pattern::{Axis, waypoint};
+
+/// The time of looking after a restart of the tracker: the needle went on unseen, the whole picture is searched.
 const LOOK_AFTER_RESTART_S: f64 = 1.0;
-/// Longest wait for the confirmation at the crest.
-const CONFIRM_S: f64 = 0.8;
-/// A candidate has passed its crest when it fell by this many grey levels.
-const CREST_PASSED_LEVELS: f64 = 8.0;
 /// Pictures without a candidate that end a crest.
 const GAP_IMAGES: u32 = 2;
-
-/// Along which coordinate the plane is moved.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Axis {
-    /// Along the probe's y, metres.
-    Elevation,
-    /// About the probe's z through the last tip, radians.
-    Yaw,
-}
 
 /// What the search is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Phase {
     /// Standing still.
     Look,
-    /// Moving the plane towards waypoint `leg`.
+    /// Moving the plane towards the next waypoint.
     Sweep,
     /// Going to the crest, then waiting there for the confirmation.
     Crest {
@@ -71,12 +61,6 @@ impl Offset {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct Sample {
-    at: f64,
-    level: f64,
-}
-
 /// One search, from the loss to the confirmation or the end of its bounds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Search {
@@ -84,9 +68,13 @@ pub struct Search {
     pub phase: Phase,
     /// Where the plane is sent.
     pub commanded: Offset,
+    /// Along which a candidate is followed.
     axis: Axis,
+    /// Number of the next waypoint.
     leg: usize,
     first_side: f64,
+    /// Side to which the plane was moved last, along the axis.
+    heading: f64,
     look_until_s: f64,
     began_s: f64,
     travel_m: f64,
@@ -112,18 +100,21 @@ pub struct View {
     pub level: Option<f64>,
     /// False while the contact force says that the probe is off the surface.
     pub in_contact: bool,
+    /// The contact force is above what a search may press with.
+    pub pressed_hard: bool,
 }
 
 impl Search {
     /// Begins at `time_s`; `first_side` (±1) is the side swept first, from the memory of the last motion.
-    pub fn new(time_s: f64, first_side: f64, after_restart: bool) -> Self {
+    pub fn new(settings: &ServoSettings, time_s: f64, first_side: f64, after_restart: bool) -> Self {
         Self {
             phase: Phase::Look,
             commanded: Offset::default(),
             axis: Axis::Elevation,
             leg: 0,
             first_side,
-            look_until_s: time_s + if after_restart { LOOK_AFTER_RESTART_S } else { LOOK_S },
+            heading: first_side,
+            look_until_s: time_s + if after_restart { LOOK_AFTER_RESTART_S } else { settings.look_s },
             began_s: time_s,
             travel_m: 0.0,
             crest: Vec::new(),
@@ -147,7 +138,7 @@ impl Search {
         if !view.in_contact {
             // Nothing can be seen without contact: wait, and do not count the time.
             self.began_s += view.dt_s;
-            self.look_until_s = self.look_until_s.max(view.time_s + LOOK_S);
+            self.look_until_s = self.look_until_s.max(view.time_s + settings.look_s);
             if self.phase == Phase::Sweep {
                 self.phase = Phase::Look;
             }
@@ -164,6 +155,8 @@ impl Search {
                 }
             }
             _ if spent => self.phase = Phase::NotFound,
+            // The force controller takes the press back; until then the plane stands still, and the time counts.
+            _ if view.pressed_hard => {}
             Phase::Sweep => self.sweep(settings, view, candidate),
             Phase::Crest { at, arrived_s } => self.wait_at_crest(settings, view, candidate, at, arrived_s),
         }
@@ -180,9 +173,9 @@ impl Search {
         if let Some(best) = brightest(&self.crest) {
             // A candidate is followed until it fades, beyond a turning point too, and to its other side when it was
             // brightest where it came into sight: turned back from, it would be taken for a crest at its edge.
-            let along = if self.crest_reversed { -self.heading() } else { self.heading() };
+            let along = if self.crest_reversed { -self.heading } else { self.heading };
             let beyond = (at - best.at) * along > 0.0;
-            let dim = self.crest.last().is_some_and(|s| s.level < best.level - CREST_PASSED_LEVELS);
+            let dim = self.crest.last().is_some_and(|s| s.level < best.level - settings.crest_levels);
             let passed = beyond && (dim || self.gap_images >= GAP_IMAGES);
             let end = along * self.reach(settings);
             if passed || self.step_towards(settings, end, view.dt_s) {
@@ -193,16 +186,29 @@ impl Search {
                     self.go_to_crest();
                 }
             }
-        } else if self.step_towards(settings, self.waypoint(settings), view.dt_s) {
-            self.leg += 1;
-            if self.leg == WAYPOINTS.len() {
-                self.leg = 0;
-                match self.axis {
-                    Axis::Elevation if settings.yaw_reach_rad > 0.0 => self.axis = Axis::Yaw,
-                    _ => self.phase = Phase::NotFound,
-                }
-            }
+            return;
         }
+        let Some(goal) = waypoint(settings, self.first_side, self.leg) else {
+            self.phase = Phase::NotFound;
+            return;
+        };
+        self.face(goal);
+        if self.step_both(settings, goal, view.dt_s) {
+            self.leg += 1;
+        }
+    }
+
+    /// Remembers along which coordinate, and to which side, the plane is moved.
+    fn face(&mut self, goal: Offset) {
+        let elevation_m = goal.elevation_m - self.commanded.elevation_m;
+        let yaw_rad = goal.yaw_rad - self.commanded.yaw_rad;
+        (self.axis, self.heading) = if elevation_m != 0.0 {
+            (Axis::Elevation, elevation_m.signum())
+        } else if yaw_rad != 0.0 {
+            (Axis::Yaw, yaw_rad.signum())
+        } else {
+            (self.axis, self.heading)
+        };
     }
 
     fn go_to_crest(&mut self) {
@@ -233,14 +239,12 @@ impl Search {
                 }
             }
             // No confirmation: a decoy, or the crest was misjudged. Go on where the sweep was.
-            Some(since_s) if view.time_s - since_s > CONFIRM_S && !candidate => self.phase = Phase::Sweep,
-            Some(since_s) if view.time_s - since_s > 2.0 * CONFIRM_S => self.phase = Phase::Sweep,
+            Some(since_s) if view.time_s - since_s > settings.confirm_s && !candidate => {
+                self.phase = Phase::Sweep
+            }
+            Some(since_s) if view.time_s - since_s > 2.0 * settings.confirm_s => self.phase = Phase::Sweep,
             Some(_) => {}
         }
-    }
-
-    fn waypoint(&self, settings: &ServoSettings) -> f64 {
-        self.first_side * WAYPOINTS[self.leg] * self.reach(settings)
     }
 
     fn reach(&self, settings: &ServoSettings) -> f64 {
@@ -250,54 +254,27 @@ impl Search {
         }
     }
 
-    /// Side that the present leg leads to, ±1.
-    fn heading(&self) -> f64 {
-        let from = self.leg.checked_sub(1).map_or(0.0, |before| WAYPOINTS[before]);
-        self.first_side * (WAYPOINTS[self.leg] - from).signum()
-    }
-
-    /// Moves the command towards `goal` by one picture's worth; true when it is there.
+    /// Moves the command along the axis towards `goal` by one picture's worth; true when it is there.
     fn step_towards(&mut self, settings: &ServoSettings, goal: f64, dt_s: f64) -> bool {
-        let speed = match self.axis {
-            Axis::Elevation => settings.sweep_speed_m_s,
-            Axis::Yaw => settings.yaw_speed_rad_s,
-        };
-        let value = self.commanded.along_mut(self.axis);
-        *value += (goal - *value).clamp(-speed * dt_s, speed * dt_s);
-        (goal - *value).abs() < 1e-9
+        let mut there = self.commanded;
+        *there.along_mut(self.axis) = goal;
+        self.step_both(settings, there, dt_s)
     }
-}
 
-/// Turning points of a sweep as shares of its reach: the remembered side first, widening in thirds, back home.
-const WAYPOINTS: [f64; 7] = [0.3, -0.3, -0.6, 0.6, 1.0, -1.0, 0.0];
-
-/// Where the level is highest: crest of a parabola through all samples when they have one inside, else the best.
-fn crest_at(samples: &[Sample]) -> f64 {
-    let first = samples.iter().map(|s| s.at).fold(f64::INFINITY, f64::min);
-    let last = samples.iter().map(|s| s.at).fold(f64::NEG_INFINITY, f64::max);
-    let Some(best) = brightest(samples) else { return 0.0 };
-    let half = (last - first) / 2.0;
-    if samples.len() < 5 || half <= 0.0 {
-        return best.at;
+    /// Moves the command straight towards `goal` by one picture's worth; true when it is there.
+    fn step_both(&mut self, settings: &ServoSettings, goal: Offset, dt_s: f64) -> bool {
+        let elevation_m = goal.elevation_m - self.commanded.elevation_m;
+        let yaw_rad = goal.yaw_rad - self.commanded.yaw_rad;
+        let needed_s =
+            (elevation_m.abs() / settings.sweep_speed_m_s).max(yaw_rad.abs() / settings.yaw_speed_rad_s);
+        if needed_s <= dt_s {
+            self.commanded = goal;
+            return true;
+        }
+        self.commanded.elevation_m += elevation_m * dt_s / needed_s;
+        self.commanded.yaw_rad += yaw_rad * dt_s / needed_s;
+        false
     }
-    let middle = (first + last) / 2.0;
-    let mut normal = Matrix3::zeros();
-    let mut right = Vector3::zeros();
-    for s in samples {
-        let x = (s.at - middle) / half;
-        let row = Vector3::new(1.0, x, x * x);
-        normal += row * row.transpose();
-        right += row * s.level;
-    }
-    match normal.cholesky().map(|c| c.solve(&right)) {
-        Some(c) if c.z < 0.0 && (c.y / (2.0 * c.z)).abs() <= 1.0 => middle - half * c.y / (2.0 * c.z),
-        _ => best.at,
-    }
-}
-
-/// The first of the brightest.
-fn brightest(samples: &[Sample]) -> Option<Sample> {
-    samples.iter().copied().reduce(|best, s| if s.level > best.level { s } else { best })
 }
 
 #[cfg(test)]
@@ -308,7 +285,7 @@ mod tests {
     /// Runs a search over a tip that is seen within `half_width_m` of `tip_m`; the plane follows its command.
     fn run(tip_m: f64, half_width_m: f64, first_side: f64) -> (Search, f64, f64) {
         let settings = settings();
-        let mut search = Search::new(0.0, first_side, false);
+        let mut search = Search::new(&settings, 0.0, first_side, false);
         let mut time_s = 0.0;
         let mut farthest_m = 0.0_f64;
         for _ in 0..2000 {
@@ -318,7 +295,15 @@ mod tests {
             let seen = e.abs() < half_width_m && search.commanded.yaw_rad.abs() < 1e-3;
             let level = Some(200.0 - 40.0 * (e / half_width_m).powi(2));
             let measured = search.commanded;
-            let view = View { time_s, dt_s: 0.04, measured, candidate: seen, level, in_contact: true };
+            let view = View {
+                time_s,
+                dt_s: 0.04,
+                measured,
+                candidate: seen,
+                level,
+                in_contact: true,
+                pressed_hard: false,
+            };
             search.advance(&settings, &view);
             if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
                 break;
@@ -358,7 +343,7 @@ mod tests {
     #[test]
     fn without_contact_the_plane_stands_still() {
         let settings = settings();
-        let mut search = Search::new(0.0, 1.0, false);
+        let mut search = Search::new(&settings, 0.0, 1.0, false);
         for k in 1..200 {
             let view = View {
                 time_s: 0.04 * f64::from(k),
@@ -367,6 +352,7 @@ mod tests {
                 candidate: false,
                 level: None,
                 in_contact: false,
+                pressed_hard: false,
             };
             search.advance(&settings, &view);
         }

@@ -1,0 +1,415 @@
+//! Runs of columns of moved tissue, added to the lines of a band.
+//!
+//! Where scatterers are is worked out at knots, every [`KNOT`] of them. As long as they keep to a straight line between
+//! knots and do not drift off the rows of the warp, they are one run: a stretch of tape, as in tissue at rest, whose phase
+//! goes on evenly. Where they do not, they are added one by one.
+
+use crate::{
+    columns::{Columns, Range},
+    fast::{exp_minus, nearest, turn},
+    instructions::{nearest_f32, prefetch, wide},
+    lattice::TAPE_LENGTH,
+    points::{Column, Flow},
+    splat::BAND,
+    tape::{BakedTape, DELAY_REACH, DELAY_TAPS, unpack},
+    warp::Warp,
+};
+
+/// Scatterers from one knot to the next, and knots of the longest run.
+pub const KNOT: usize = 8;
+pub const LONGEST: usize = 8;
+/// Rows of the longest run.
+const ROWS: usize = (LONGEST + 2) * KNOT;
+/// What a run may do at most, over [`crate::beam::Grain::drift_rows`]: rows by which its middle lies off the line between
+/// its ends (a tenth of a radian of the carrier), lines by which it drifts, metres by which its middle is off in elevation.
+const BEND_ROWS: f32 = 1.0 / 8.0;
+const DRIFT_LINES: f32 = 5.0 / 3.0;
+const BEND_M: f32 = 0.1e-3;
+
+/// Where knots, or scatterers, of a column are.
+#[derive(Default)]
+pub struct Knots {
+    /// Depth in rows of the grid.
+    pub row: Vec<f32>,
+    pub e_m: Vec<f32>,
+    pub x_m: Vec<f32>,
+    /// Place among the grid's lines.
+    pub line: Vec<f32>,
+}
+
+/// What it takes to add a band's columns.
+pub struct Place<'a> {
+    pub flow: &'a Flow,
+    pub tape: &'a BakedTape,
+    pub warp: &'a Warp,
+    pub tissue: &'a Columns,
+    pub drift_rows: f32,
+    /// The band's first line.
+    pub first_line: i32,
+}
+
+/// Scatterers, or knots, between two of them.
+#[derive(Clone, Copy)]
+struct Stretch {
+    from: usize,
+    count: usize,
+}
+
+/// Where a stretch's ends lie among the rows of a warp, and how far its middle lies off the middle between them.
+struct Ends {
+    above: f32,
+    below: f32,
+    bend: f32,
+}
+
+/// Adds a column to the lines from the one before a band to the one after it, each of them the real parts of all rows of
+/// the warp, then the imaginary ones. `runs` and `single` are scratch.
+pub fn add_column(
+    instructions: crate::Instructions,
+    place: &Place,
+    column: &Column,
+    knots: &Knots,
+    runs: &mut Vec<Run>,
+    single: &mut Knots,
+    lines: &mut [f32],
+) {
+    runs.clear();
+    let last = knots.row.len() - 1;
+    let mut from = 0;
+    // Knots whose scatterers go one by one.
+    let mut apart = Stretch { from: 0, count: 0 };
+    while from < last {
+        let mut stretch = Stretch { from, count: LONGEST.min(last - from) };
+        if !place.shows(knots, stretch) {
+            from += stretch.count;
+            continue;
+        }
+        stretch.count = if stretch.count == LONGEST { LONGEST } else { 1 };
+        let mut ends = place.ends(knots, stretch);
+        let mut is_straight = place.is_straight(knots, stretch, &ends);
+        while !is_straight && stretch.count > 1 {
+            stretch.count /= 2;
+            ends = place.ends(knots, stretch);
+            is_straight = place.is_straight(knots, stretch, &ends);
+        }
+        from += stretch.count;
+        if stretch.count < LONGEST && !place.shows(knots, stretch) {
+            continue;
+        }
+        if is_straight {
+            if let Some(run) = place.run(column, knots, stretch, &ends) {
+                // By the time that all runs of the column are known, their tape is there.
+                let samples = &place.tape.strained(run.class).samples[run.tape..];
+                prefetch(&samples[..run.hi - run.lo]);
+                runs.push(run);
+            }
+        } else if apart.from + apart.count == stretch.from {
+            apart.count += stretch.count;
+        } else {
+            place.add_apart(instructions, column, knots, apart, single, lines);
+            apart = stretch;
+        }
+    }
+    for run in runs {
+        add_run(instructions, place, column, run, lines);
+    }
+    place.add_apart(instructions, column, knots, apart, single, lines);
+}
+
+/// A run of a column's scatterers over rows `lo..hi` of the warp, whole strides.
+pub struct Run {
+    lo: usize,
+    hi: usize,
+    /// Scatterer whose tape is read at row `lo`.
+    first: i64,
+    class: i32,
+    /// Index into the tape of that class.
+    tape: usize,
+    /// Phase at row `lo`, and what it grows by per row.
+    turns: f32,
+    turns_per_row: f32,
+    e_m: f32,
+    e_per_row: f32,
+    /// Line among those at hand, and the share of the one after it.
+    line: usize,
+    share: f32,
+}
+
+impl Place<'_> {
+    /// Whether any of a stretch may show.
+    #[inline]
+    fn shows(&self, knots: &Knots, Stretch { from, count }: Stretch) -> bool {
+        let Self { flow, first_line, .. } = *self;
+        let both = |values: &[f32]| (values[from], values[from + count]);
+        let beside = |(a, b): (f32, f32), reach: f32| (a > reach && b > reach) || (a < -reach && b < -reach);
+        let (above, below) = both(&knots.row);
+        if below < flow.rows[0] || above > flow.rows[1] {
+            return false;
+        }
+        // Stretched tissue takes more rows than it has scatterers.
+        let before = below - (LONGEST * KNOT) as f32;
+        let reach_m = flow.widest_below(above).max(flow.widest_below(before));
+        if beside(both(&knots.e_m), reach_m) || beside(both(&knots.x_m), flow.reach_m) {
+            return false;
+        }
+        let (a, b) = both(&knots.line);
+        let middle = (first_line + BAND as i32 / 2) as f32;
+        !beside((a - middle, b - middle), BAND as f32 / 2.0 + 1.0)
+    }
+
+    /// Where a stretch's ends lie among the rows of the warp, and its middle off the middle between them.
+    #[inline]
+    fn ends(&self, knots: &Knots, Stretch { from, count }: Stretch) -> Ends {
+        let [above, below] = [from, from + count].map(|knot| self.warp.at(knots.row[knot]));
+        let middle =
+            if count > 1 { self.warp.at(knots.row[from + count / 2]) } else { 0.5 * (above + below) };
+        Ends { above, below, bend: middle - 0.5 * (above + below) }
+    }
+
+    /// Whether a stretch is a run.
+    #[inline]
+    fn is_straight(&self, knots: &Knots, Stretch { from, count }: Stretch, ends: &Ends) -> bool {
+        let both = |values: &[f32]| (values[from], values[from + count]);
+        let (left, right) = both(&knots.line);
+        let (near, far) = both(&knots.e_m);
+        let most = self.drift_rows;
+        (ends.below - ends.above - (count * KNOT) as f32).abs() <= most
+            && (right - left).abs() <= most * DRIFT_LINES
+            && ends.bend.abs() <= most * BEND_ROWS
+            && (count == 1 || (knots.e_m[from + count / 2] - 0.5 * (near + far)).abs() <= most * BEND_M)
+    }
+
+    /// Rows of the warp that a stretch fills.
+    #[inline]
+    fn rows(&self, ends: &Ends) -> [usize; 2] {
+        [ends.above, ends.below].map(|row| {
+            let strides = nearest_f32(row * (1.0 / KNOT as f32)).max(0) as usize;
+            (strides * KNOT).min(self.warp.len())
+        })
+    }
+
+    #[inline]
+    fn run(&self, column: &Column, knots: &Knots, stretch: Stretch, ends: &Ends) -> Option<Run> {
+        let Self { flow, tape, warp, first_line, .. } = *self;
+        let [lo, hi] = self.rows(ends);
+        let Stretch { from, count } = stretch;
+        let both = |values: &[f32]| (values[from], values[from + count]);
+        let &Ends { above, below, bend } = ends;
+        let per_warped = 1.0 / (below - above);
+        let at = |(a, b): (f32, f32), row: f32| a + (row - above) * per_warped * (b - a);
+        let middle = 0.5 * (lo + hi) as f32;
+        let line = at(both(&knots.line), middle);
+        let whole = nearest_f32(line - 0.5);
+        let line_at_hand = (whole + 1 - first_line) as usize;
+        if lo >= hi || line_at_hand > BAND {
+            return None;
+        }
+        // Row of the warp minus number of the scatterer, a line that takes a third of the bend.
+        let bend = bend * (2.0 / 3.0);
+        let numbers = ((from * KNOT) as f32, ((from + count) * KNOT) as f32);
+        let shifts = (above - numbers.0 + bend, below - numbers.1 + bend);
+        let shift = f64::from(at(shifts, middle));
+        let (sub_delays, per_row) = (tape.sub_delays as i64, tape.sub_delays as f64);
+        let delays = nearest(shift * per_row) + sub_delays / 2;
+        // The whole part of delays/sub_delays: exact, as the fraction is never half a row from the middle of one.
+        let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) / per_row);
+        let sub_delay = delays - row_of_0 * sub_delays;
+        let first = lo as i64 - row_of_0;
+        // Where the first scatterer really is.
+        let past = (shift - row_of_0 as f64) as f32;
+        let row_of_first = first as f64 + f64::from(at(shifts, lo as f32 + past));
+        let sample = (column.tape as i64 + first).rem_euclid(TAPE_LENGTH as i64);
+        let turns = -flow.turns_per_row * (row_of_first - sample as f64);
+        let e_ends = both(&knots.e_m);
+        Some(Run {
+            lo,
+            hi,
+            first,
+            class: warp.class[(lo + hi) / (2 * KNOT)],
+            tape: sub_delay as usize * tape.stride + sample as usize,
+            turns: (turns - nearest(turns) as f64) as f32,
+            turns_per_row: -(flow.turns_per_row as f32) * per_warped * (shifts.1 - shifts.0),
+            e_m: at(e_ends, lo as f32),
+            e_per_row: per_warped * (e_ends.1 - e_ends.0),
+            line: line_at_hand,
+            share: line - whole as f32,
+        })
+    }
+
+    /// Adds scatterers one by one.
+    #[cold]
+    #[inline(never)]
+    fn add_apart(
+        &self,
+        instructions: crate::Instructions,
+        column: &Column,
+        knots: &Knots,
+        stretch: Stretch,
+        single: &mut Knots,
+        lines: &mut [f32],
+    ) {
+        let Self { flow, tape, warp, tissue, first_line, .. } = *self;
+        if stretch.count == 0 {
+            return;
+        }
+        let [lo, hi] = self.rows(&self.ends(knots, stretch));
+        // Those beyond the ends reach into these rows as well.
+        const BESIDE: usize = DELAY_TAPS;
+        let first = (stretch.from * KNOT).saturating_sub(BESIDE);
+        let end = ((stretch.from + stretch.count) * KNOT + BESIDE).min(flow.numbers.len());
+        flow.follow_each(instructions, column, first..end, single);
+        let size = warp.len();
+        for (i, n) in (first..end).enumerate() {
+            let warped = warp.at(single.row[i]);
+            let at = nearest_f32(warped);
+            let amplitude = tissue.amplitude(column.layers, n as i32);
+            let row = at.clamp(0, size as i32 - 1) as usize;
+            let (e_m, line) = (single.e_m[i], single.line[i]);
+            let whole = nearest_f32(line - 0.5);
+            let line_at_hand = (whole + 1 - first_line) as usize;
+            let hidden = e_m.abs() > flow.widest_below(single.row[i]) || single.x_m[i].abs() > flow.reach_m;
+            if hidden || amplitude == 0.0 || line_at_hand > BAND {
+                continue;
+            }
+            let sub_delays = tape.sub_delays as f32;
+            let delays = nearest_f32((warped + 0.5) * sub_delays);
+            let (at, sub_delay) =
+                (delays.div_euclid(tape.sub_delays as i32), delays.rem_euclid(tape.sub_delays as i32));
+            let filter = &tape.strained(warp.class[row / KNOT]).filters[sub_delay as usize];
+            let turns = -flow.turns_per_row * f64::from(warped);
+            let [cos, sin] = turn((turns - nearest(turns) as f64) as f32);
+            let [re, im] = tape.raw(column.tape + n);
+            let weight = amplitude * warp.peak[row] * exp_minus(e_m * e_m * warp.decay[row]);
+            let [re, im] = [weight * (re * cos - im * sin), weight * (re * sin + im * cos)];
+            let share = line - whole as f32;
+            let both = &mut lines[line_at_hand * 2 * size..][..4 * size];
+            for (line, share) in both.chunks_exact_mut(2 * size).zip([1.0 - share, share]) {
+                let (line_re, line_im) = line.split_at_mut(size);
+                for (m, &[cos, sin]) in filter.iter().enumerate() {
+                    let row = at + m as i32 - DELAY_REACH as i32;
+                    if (lo as i32..hi as i32).contains(&row) {
+                        line_re[row as usize] += share * (re * cos - im * sin);
+                        line_im[row as usize] += share * (re * sin + im * cos);
+                    }
+                }
+            }
+        }
+    }
+}
+
+wide! {
+    /// Adds a run. Loops over several arrays side by side, without branches: they vectorise.
+    fn add_run(place: &Place, column: &Column, run: &Run, lines: &mut [f32]) {
+        let Run { lo, hi, first, class, tape, turns, turns_per_row, e_m, e_per_row, line, share } = *run;
+        let (count, size) = (hi - lo, place.warp.len());
+        let (layers, materials) =
+            place.tissue.between(column.layers, first as i32, (first + count as i64) as i32);
+        let one = match materials {
+            [] => return,
+            &[layer] => Some(place.tissue.filling(layer).amplitude),
+            _ => None,
+        };
+        if one == Some(0.0) {
+            return;
+        }
+        let mut weights = [0.0f32; ROWS];
+        let weights = &mut weights[..count];
+        let steps = &place.flow.steps[..count];
+        let (decay, peak) = (&place.warp.decay[lo..hi], &place.warp.peak[lo..hi]);
+        for i in 0..count {
+            let e_m = e_m + e_per_row * steps[i];
+            weights[i] = peak[i] * exp_minus(e_m * e_m * decay[i]);
+        }
+        if first < 0 {
+            // Above the first scatterer.
+            weights[..((-first) as usize).min(count)].fill(0.0);
+        }
+        if one.is_none() {
+            mix(place.tissue, layers, first as i32, weights);
+        }
+        let amplitude = one.unwrap_or(1.0);
+        let [a, b] = [amplitude * (1.0 - share), amplitude * share];
+        let samples = &place.tape.strained(class).samples[tape..][..count];
+        let (left, right) = lines[line * 2 * size..][..4 * size].split_at_mut(2 * size);
+        let (left_re, left_im) = left.split_at_mut(size);
+        let (right_re, right_im) = right.split_at_mut(size);
+        let (mut cos, mut sin) = ([0.0; KNOT], [0.0; KNOT]);
+        // A slice of a length that is not known beforehand: the compiler would do them one by one.
+        let of_stride = &place.flow.steps[..place.flow.stride.min(KNOT)];
+        for ((cos, sin), step) in cos.iter_mut().zip(&mut sin).zip(of_stride) {
+            [*cos, *sin] = turn(turns + turns_per_row * step);
+        }
+        add(
+            samples,
+            weights,
+            [cos, sin],
+            turn(turns_per_row * KNOT as f32),
+            [a, b],
+            &mut left_re[lo..hi],
+            &mut left_im[lo..hi],
+            &mut right_re[lo..hi],
+            &mut right_im[lo..hi],
+        );
+    }
+}
+
+/// Multiplies by the amplitudes of several materials.
+#[inline(always)]
+fn mix(tissue: &Columns, layers: Range, first: i32, weights: &mut [f32]) {
+    let mut from = 0;
+    for &layer in tissue.layers(layers) {
+        let to = (layer.end.saturating_sub(first).max(0) as usize).min(weights.len());
+        let amplitude = tissue.filling(layer).amplitude;
+        if to > from {
+            weights[from..to].iter_mut().for_each(|weight| *weight *= amplitude);
+            from = to;
+        }
+    }
+}
+
+/// Adds samples whose phases start with `cos` and `sin`, and turn by another angle from each stride to the next.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "six streams and their factors")]
+fn add(
+    samples: &[u32],
+    weights: &[f32],
+    [mut cos, mut sin]: [[f32; KNOT]; 2],
+    [cos_step, sin_step]: [f32; 2],
+    [a, b]: [f32; 2],
+    left_re: &mut [f32],
+    left_im: &mut [f32],
+    right_re: &mut [f32],
+    right_im: &mut [f32],
+) {
+    let (samples, weights) = (samples.as_chunks::<KNOT>().0, weights.as_chunks::<KNOT>().0);
+    let (left_re, left_im) = (left_re.as_chunks_mut::<KNOT>().0, left_im.as_chunks_mut::<KNOT>().0);
+    let (right_re, right_im) = (right_re.as_chunks_mut::<KNOT>().0, right_im.as_chunks_mut::<KNOT>().0);
+    let left = left_re.iter_mut().zip(left_im);
+    let right = right_re.iter_mut().zip(right_im);
+    for (((samples, weights), (left_re, left_im)), (right_re, right_im)) in
+        samples.iter().zip(weights).zip(left).zip(right)
+    {
+        // Arrays of their own before any output is written: it might be one of the inputs as far as the compiler knows.
+        let (mut re, mut im) = ([0.0; KNOT], [0.0; KNOT]);
+        for i in 0..KNOT {
+            let sample = unpack(samples[i]);
+            let weighted = [weights[i] * sample[0], weights[i] * sample[1]];
+            re[i] = cos[i] * weighted[0] - sin[i] * weighted[1];
+            im[i] = cos[i] * weighted[1] + sin[i] * weighted[0];
+        }
+        add_part(left_re, a, &re);
+        add_part(left_im, a, &im);
+        add_part(right_re, b, &re);
+        add_part(right_im, b, &im);
+        for i in 0..KNOT {
+            (cos[i], sin[i]) = (cos[i] * cos_step - sin[i] * sin_step, sin[i] * cos_step + cos[i] * sin_step);
+        }
+    }
+}
+
+#[inline(always)]
+fn add_part(out: &mut [f32; KNOT], share: f32, values: &[f32; KNOT]) {
+    for i in 0..KNOT {
+        out[i] += share * values[i];
+    }
+}
