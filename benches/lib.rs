@@ -74,6 +74,7 @@ impl Scene {
             yaw_rad: 0.0,
             half_size_m: [24e-3, 6e-3],
             depth_m: self.press_m,
+            lean: 0.0,
             thickness_m: 60e-3,
         };
         let slice = Slice {

@@ -228,6 +228,32 @@ fn json_is_all_that_stdout_holds_and_a_failed_expectation_exits_1() {
     assert_eq!(failed.json()["verdict"], "fail");
 }
 
+/// Nothing here depends on how fast the machine is: only that the clock, not the tracker, paces the run, and says so.
+#[test]
+fn a_run_in_real_time_waits_for_no_tracker_and_tells_how_stale_its_commands_were() {
+    let short = ["--json", "--realtime", "--set", "duration_s=1"];
+    let run = |extra: &[&str]| sonoloop(&[&["run", SCENARIO][..], &short, extra].concat());
+    for tracker in [&[][..], &["--tracker", "none"]] {
+        let finished = run(tracker);
+        assert_eq!(finished.code(), 1, "{}", finished.stderr);
+        let summary = finished.json();
+        assert_eq!((&summary["realtime"], &summary["end"]), (&true.into(), &"time_over".into()));
+        assert_eq!(summary["metrics"]["images"], 25);
+        let timing = &summary["timing"];
+        assert!(timing["wall_s"].as_f64().is_some_and(|wall_s| wall_s >= 0.999), "{timing}");
+        for key in ["staleness_ms_p50", "staleness_ms_max", "images_without_answer", "behind_ms_max"] {
+            assert!(timing[key].is_number(), "{key}: {timing}");
+        }
+        if tracker.last() == Some(&"none") {
+            assert_eq!(
+                (&timing["images_without_answer"], &timing["staleness_ms_max"]),
+                (&25.into(), &960.0.into())
+            );
+        }
+    }
+    assert_eq!(run(&["--in-process"]).code(), 2);
+}
+
 #[test]
 fn check_and_list_know_every_committed_file() {
     let checked = sonoloop(&["check", "scenarios"]);
@@ -376,6 +402,12 @@ fn a_suite_reports_each_run_and_writes_junit() {
     let report = finished.json();
     assert_eq!(report["runs"].as_array().expect("runs").len(), 2);
     assert_eq!(report["rates"][0]["passed"], 2);
+    assert_eq!(
+        (&report["groups"][0]["group"], &report["groups"][0]["runs"]),
+        (&"scenarios".into(), &2.into())
+    );
+    assert_eq!(report["all"]["passed"], 2);
+    assert!(report["rates"][0]["metrics"]["coverage"]["median"].as_f64() >= Some(0.9), "{}", report["rates"]);
     let xml = std::fs::read_to_string(junit).expect("junit");
     assert!(xml.contains("<testsuite") && xml.matches("<testcase").count() == 2);
 }

@@ -100,6 +100,10 @@ pub struct RunArgs {
     /// One process without shared memory; the same bytes
     #[arg(long)]
     pub in_process: bool,
+    /// Paced by the clock: nobody waits for the tracker, the newest command counts, how stale it was is reported; the same
+    /// seed gives another run next time
+    #[arg(long, conflicts_with = "in_process")]
+    pub realtime: bool,
     /// Own tracker: a command that joins through SONOLOOP_DOMAIN and SONOLOOP_ROOT; "none" for no tracker; or one
     /// of the trackers that do not look: dead-reckoning, always-tracking, always-lost
     #[arg(long, value_name = "CMD", conflicts_with = "in_process")]

@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 pub mod cli;
+pub mod clock;
 pub mod commands;
 pub mod controller;
 pub mod error;

@@ -48,6 +48,14 @@ pub trait Peer {
     fn start(&mut self, setup: &Setup) -> Result<(), PeerError>;
     /// Hands over a picture and waits for its answer; `None` when nobody is there to answer.
     fn exchange(&mut self, acquisition: &Acquisition, image: &Image) -> Result<Option<Answer>, PeerError>;
+    /// Hands over a picture and does not wait for its answer.
+    fn post(&mut self, _acquisition: &Acquisition, _image: &Image) -> Result<(), PeerError> {
+        Ok(())
+    }
+    /// What has arrived since the last call, oldest first; never waits. Of a refused message with the image that it names.
+    fn poll(&mut self) -> Result<Vec<Result<Command, CommandReceipt>>, PeerError> {
+        Ok(Vec::new())
+    }
     /// Hands over a picture for which no answer is due.
     fn show(&mut self, _acquisition: &Acquisition, _image: &Image) -> Result<(), PeerError> {
         Ok(())

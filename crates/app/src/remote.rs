@@ -4,7 +4,7 @@ use std::process::{Child, Command as Process, Stdio};
 use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
-use sonoloop_types::{Acquisition, CommandReceipt, EndReason, Image, Setup};
+use sonoloop_types::{Acquisition, Command, CommandReceipt, EndReason, Image, Setup};
 use sonoloop_wire::{Answer as WireAnswer, Domain, SimEndpoint, Wait, WireError};
 
 use crate::peer::{Answer, Peer, PeerError};
@@ -135,6 +135,26 @@ impl Peer for Remote {
             Wait::Gone => Err(gone(&mut self.child)),
             Wait::Interrupted => Err(PeerError::Interrupted),
         }
+    }
+
+    fn post(&mut self, acquisition: &Acquisition, image: &Image) -> Result<(), PeerError> {
+        if !is_running(&mut self.child) {
+            return Err(gone(&mut self.child));
+        }
+        let endpoint = self.endpoint.as_mut().ok_or_else(never_started)?;
+        endpoint.publish_image(acquisition, image, true).map_err(fault)
+    }
+
+    fn poll(&mut self) -> Result<Vec<Result<Command, CommandReceipt>>, PeerError> {
+        let endpoint = self.endpoint.as_ref().ok_or_else(never_started)?;
+        let mut arrived = Vec::new();
+        while let Some(answer) = endpoint.try_answer().map_err(fault)? {
+            arrived.push(match answer {
+                WireAnswer::Command(command) => Ok(command),
+                WireAnswer::Refused(receipt) => Err(receipt),
+            });
+        }
+        Ok(arrived)
     }
 
     fn show(&mut self, acquisition: &Acquisition, image: &Image) -> Result<(), PeerError> {

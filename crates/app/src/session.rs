@@ -1,17 +1,21 @@
 //! One run: the world is stepped, pictures are rendered and handed out, answers take effect.
 //!
-//! Simulated time waits for answers (lockstep), so nothing here depends on how fast anybody is.
+//! Simulated time waits for answers (lockstep), so nothing here depends on how fast anybody is. With a clock
+//! ([`Session::paced_by`]) it follows the clock instead, and answers count from when they arrive.
 
 use std::collections::VecDeque;
 use std::time::Instant;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario, add_disturbance};
-use sonoloop_types::{Acquisition, Command, EndReason, Event, EventKind, Image, Refusal, TrackState, Truth};
+use sonoloop_types::{
+    Acquisition, Command, CommandReceipt, EndReason, Event, EventKind, Image, Refusal, TrackState, Truth,
+};
 use sonoloop_ultrasound::Renderer;
 use sonoloop_wire::Answer as WireAnswer;
 use sonoloop_wire::layout::CommandMessage;
 use sonoloop_world::{World, WorldError};
 
+use crate::clock::Clock;
 use crate::garbage::garbage;
 use crate::output::snake;
 use crate::peer::{Answer, Peer, PeerError};
@@ -70,6 +74,12 @@ pub struct Session {
     spare: Vec<Image>,
     /// The picture handed out last.
     shown: Option<Image>,
+    clock: Option<Box<dyn Clock>>,
+    /// Answers on their way, with the tick at which they were there; of a paced run.
+    arrived: VecDeque<(u64, Result<Command, CommandReceipt>)>,
+    /// Image handed out last.
+    newest: u64,
+    state: TrackState,
 }
 
 impl Session {
@@ -78,7 +88,22 @@ impl Session {
         let world = World::new(scenario)?;
         let renderer =
             Renderer::new(scenario.probe.clone(), scenario.needle.clone(), world.tissue(), scenario.seed);
-        Ok(Self { scenario: scenario.clone(), world, renderer, spare: Vec::new(), shown: None })
+        Ok(Self {
+            scenario: scenario.clone(),
+            world,
+            renderer,
+            spare: Vec::new(),
+            shown: None,
+            clock: None,
+            arrived: VecDeque::new(),
+            newest: 0,
+            state: TrackState::Searching,
+        })
+    }
+
+    /// Lets simulated time follow a clock: it waits for nobody's answer, and the newest command counts.
+    pub fn paced_by(self, clock: Box<dyn Clock>) -> Self {
+        Self { clock: Some(clock), ..self }
     }
 
     /// Runs to the end. The recording is whole up to the end whatever the reason; the error, when there is one,
@@ -119,7 +144,6 @@ impl Session {
     ) -> Result<(), PeerError> {
         peer.start(&self.world.setup(run_id))?;
         let mut in_flight: VecDeque<InFlight> = VecDeque::new();
-        let mut state = TrackState::Searching;
         let (mut down, mut hung) = (false, false);
         let mut rest_ticks = 0;
         let mut was_fed = false;
@@ -131,6 +155,7 @@ impl Session {
 
         for _ in 0..self.scenario.duration_ticks {
             let tick = self.world.tick();
+            self.keep_time(tick, run_id, peer, recording)?;
             if self.world.tracker_down() != down {
                 down = !down;
                 if down { peer.kill()? } else { peer.restart()? }
@@ -177,13 +202,8 @@ impl Session {
                 };
                 let row = self.hand_out(due, who, peer, watch, recording)?;
                 recording.timing.wall_s = began.elapsed().as_secs_f64() - held_s;
-                if let Some(command) = &row.command
-                    && command.estimate.state != state
-                {
-                    state = command.estimate.state;
-                    let (is, why) = (snake(&state), snake(&command.estimate.reason));
-                    let detail = format!("{is}: {why}, image {}", command.answers);
-                    recording.events.push(Event { tick, kind: EventKind::StateChange, detail });
+                if let Some(command) = &row.command {
+                    self.note_state(command, recording);
                 }
                 recording.images.push(row);
             }
@@ -207,8 +227,56 @@ impl Session {
             self.world.step();
             physics_ms += before.elapsed().as_secs_f32() * 1e3;
         }
+        if self.clock.is_some() {
+            recording.timing.wall_s = began.elapsed().as_secs_f64() - held_s;
+        }
         recording.timing.simulated_s = self.world.tick() as f64 / sonoloop_types::TICKS_PER_SECOND as f64;
         Ok(())
+    }
+
+    /// Waits until `tick` is due, where there is a clock, and lets those answers count that are there by then.
+    fn keep_time(
+        &mut self,
+        tick: u64,
+        run_id: u64,
+        peer: &mut dyn Peer,
+        recording: &mut Recording,
+    ) -> Result<(), PeerError> {
+        let Some(clock) = &mut self.clock else { return Ok(()) };
+        let now = clock.wait_until(tick);
+        let behind = &mut recording.timing.behind_ticks;
+        *behind = Some(behind.unwrap_or(0).max(now - tick));
+        // A run that is behind must not let an answer act before it was there.
+        self.arrived.extend(peer.poll()?.into_iter().map(|answer| (now, answer)));
+        while self.arrived.front().is_some_and(|(there, _)| *there <= tick) {
+            let Some((_, answer)) = self.arrived.pop_front() else { break };
+            let answer = match answer {
+                Ok(command) => {
+                    recording.timing.track_us.push(command.compute_us);
+                    self.take(command.answers, Ok(command), run_id)
+                }
+                Err(receipt) => {
+                    self.take(receipt.answers, Err(receipt.refused.unwrap_or(Refusal::Malformed)), run_id)
+                }
+            };
+            let Some(command) = answer else { continue };
+            self.note_state(&command, recording);
+            let mut rows = recording.images.iter_mut().rev();
+            if let Some(row) = rows.find(|row| row.acquisition.sequence == command.answers) {
+                row.command = Some(command);
+            }
+        }
+        Ok(())
+    }
+
+    fn note_state(&mut self, command: &Command, recording: &mut Recording) {
+        if command.estimate.state == self.state {
+            return;
+        }
+        self.state = command.estimate.state;
+        let (is, why) = (snake(&self.state), snake(&command.estimate.reason));
+        let detail = format!("{is}: {why}, image {}", command.answers);
+        recording.events.push(Event { tick: self.world.tick(), kind: EventKind::StateChange, detail });
     }
 
     /// Does what an observer asked for, as far as it concerns the world; says what was done.
@@ -260,8 +328,12 @@ impl Session {
     ) -> Result<ImageRow, PeerError> {
         let acquisition = Acquisition { publication_tick: due.publication_tick, ..due.acquisition };
         self.world.note_published(&acquisition);
-        let mut row = ImageRow { acquisition, hash: due.hash, truth: due.truth, command: None };
+        self.newest = acquisition.sequence;
+        let command_age_ticks = self.world.command_age_ticks();
+        let mut row =
+            ImageRow { acquisition, hash: due.hash, truth: due.truth, command: None, command_age_ticks };
         match tracker {
+            Tracker::Up { .. } if self.clock.is_some() => peer.post(&acquisition, &due.image)?,
             Tracker::Up { run_id } => {
                 let before = Instant::now();
                 if let Some(answer) = peer.exchange(&acquisition, &due.image)? {
@@ -270,7 +342,7 @@ impl Session {
                         recording.timing.track_us.push(command.compute_us);
                         recording.timing.wire_us.push((round_trip_us - command.compute_us).max(0.0));
                     }
-                    row.command = self.take(answer, &acquisition, run_id);
+                    row.command = self.take(acquisition.sequence, answer, run_id);
                 }
             }
             Tracker::Hung => peer.show(&acquisition, &due.image)?,
@@ -291,21 +363,21 @@ impl Session {
         Ok(row)
     }
 
-    /// Passes an answer on to the world, or what the scenario makes of it; returns what counts as the tracker's word.
-    fn take(&mut self, answer: Answer, image: &Acquisition, run_id: u64) -> Option<Command> {
-        match (answer, self.world.garbage(image.sequence)) {
+    /// Passes the answer to image `sequence` on to the world, or what the scenario makes of it; returns what counts as the tracker's word.
+    fn take(&mut self, sequence: u64, answer: Answer, run_id: u64) -> Option<Command> {
+        match (answer, self.world.garbage(sequence)) {
             (Ok(command), None) => {
                 self.world.submit(&command);
                 Some(command)
             }
             (Err(refusal), None) => {
-                self.world.refuse(image.sequence, refusal);
+                self.world.refuse(sequence, refusal);
                 None
             }
             (answer, Some(words)) => {
                 let honest = answer.ok().map(|command| CommandMessage::encode(run_id, &command));
                 let message = garbage(&honest.unwrap_or_default(), &words, &self.scenario.limits);
-                match WireAnswer::read(&message, run_id, Some(image.sequence)) {
+                match WireAnswer::read(&message, run_id, Some(self.newest)) {
                     WireAnswer::Command(command) => {
                         self.world.submit(&command).refused.is_none().then_some(command)
                     }
@@ -322,4 +394,113 @@ impl Session {
 /// True when a disturbance of the scenario kills the tracker.
 pub fn kills_tracker(scenario: &Scenario) -> bool {
     scenario.disturbances.iter().any(|d| matches!(d.kind, DisturbanceKind::TrackerKilled { .. }))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use sonoloop_types::Setup;
+
+    use super::*;
+    use crate::judge::test_recording::image_row;
+    use crate::scenarios::prepare;
+
+    /// A clock that shows what it is asked for, but stands at `stalls.1` once it has come to `stalls.0`, as when the machine
+    /// was busy in between.
+    struct Scripted {
+        stalls: (u64, u64),
+    }
+
+    impl Clock for Scripted {
+        fn wait_until(&mut self, tick: u64) -> u64 {
+            let (from, to) = self.stalls;
+            if tick > from { tick.max(to) } else { tick }
+        }
+    }
+
+    /// Answers every image once so many more have come; never, without a number.
+    struct Late {
+        images: Option<usize>,
+        posted: VecDeque<u64>,
+    }
+
+    impl Peer for Late {
+        fn start(&mut self, _setup: &Setup) -> Result<(), PeerError> {
+            Ok(())
+        }
+        fn exchange(&mut self, _: &Acquisition, _: &Image) -> Result<Option<Answer>, PeerError> {
+            panic!("a paced run waits for nobody")
+        }
+        fn post(&mut self, acquisition: &Acquisition, _image: &Image) -> Result<(), PeerError> {
+            self.posted.push_back(acquisition.sequence);
+            Ok(())
+        }
+        fn poll(&mut self) -> Result<Vec<Result<Command, CommandReceipt>>, PeerError> {
+            let late = self.images.unwrap_or(usize::MAX);
+            let due = self.posted.len().saturating_sub(late);
+            let row = |sequence| image_row(sequence, true, Some(TrackState::Tracking), 0.0);
+            Ok(self.posted.drain(..due).map(|sequence| Ok(row(sequence).command.unwrap())).collect())
+        }
+        fn kill(&mut self) -> Result<(), PeerError> {
+            Ok(())
+        }
+        fn restart(&mut self) -> Result<(), PeerError> {
+            Ok(())
+        }
+        fn end(&mut self, _reason: EndReason) {}
+    }
+
+    /// One second against such a peer and clock.
+    fn paced(images: Option<usize>, stalls: (u64, u64)) -> Recording {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/lateral_plain.yaml");
+        let (_, session) = prepare(&file, Some(0), &["duration_s=1".to_owned()]).unwrap();
+        let mut peer = Late { images, posted: VecDeque::new() };
+        let (recording, error) =
+            session.paced_by(Box::new(Scripted { stalls })).run(1, &mut peer, &mut Nobody, None);
+        assert!(error.is_none(), "{error:?}");
+        assert_eq!((recording.ticks.len(), recording.images.len()), (1000, 25));
+        recording
+    }
+
+    fn ages(recording: &Recording) -> Vec<u64> {
+        recording.images.iter().map(|row| row.command_age_ticks).collect()
+    }
+
+    #[test]
+    fn a_tracker_that_never_answers_cannot_stop_the_clock_and_its_silence_is_told() {
+        let recording = paced(None, (1000, 1000));
+        assert_eq!(ages(&recording), (0..25).map(|k| 40 * k).collect::<Vec<u64>>());
+        assert!(recording.images.iter().all(|row| row.command.is_none()));
+        assert_eq!(recording.timing.behind_ticks, Some(0));
+        assert!(recording.ticks.iter().all(|row| row.feed_m_s == 0.0));
+        let timing = crate::output::TimingSummary::of(&recording);
+        assert_eq!((timing.images_without_answer, timing.staleness_ms_max), (25, Some(960.0)));
+        assert_eq!(timing.staleness_ms_p50, Some(480.0));
+    }
+
+    #[test]
+    fn an_answer_counts_from_when_it_arrives_and_is_as_old_as_its_image() {
+        let recording = paced(Some(3), (1000, 1000));
+        // The answer to image k comes with image k + 3 and is in force when image k + 4 is handed out.
+        let expected: Vec<u64> = (0..25).map(|k: u64| if k < 4 { 40 * k } else { 160 }).collect();
+        assert_eq!(ages(&recording), expected);
+        assert_eq!(recording.images.iter().filter(|row| row.command.is_none()).count(), 3);
+        assert_eq!(recording.events.iter().filter(|event| event.kind == EventKind::StateChange).count(), 1);
+    }
+
+    #[test]
+    fn a_run_behind_the_clock_lets_no_answer_act_before_it_was_there() {
+        // From tick 400 on the machine was busy until 550: what is found then was not there before.
+        let recording = paced(Some(0), (400, 550));
+        let expected: Vec<u64> = (0..25)
+            .map(|k: u64| match 40 * k {
+                0 => 0,
+                tick @ 400..=550 => tick - 360,
+                _ => 40,
+            })
+            .collect();
+        assert_eq!(ages(&recording), expected);
+        assert_eq!(recording.timing.behind_ticks, Some(149));
+    }
 }

@@ -131,8 +131,9 @@ impl Servo {
                 fed_m,
             )
         });
-        let hold_confirmation =
-            matches!(&self.state.mode, Mode::Search(search) if search.holds_confirmation());
+        // Off the surface the picture shows the scanner's own ringing, which has tips enough.
+        let hold_confirmation = matches!(&self.state.mode, Mode::Search(search) if search.holds_confirmation())
+            || !self.in_contact(acquisition);
         let axis_px = match self.setup.view {
             View::Lateral => predict::axis_px(&self.setup.needle_axis_in_base, &acquisition.base_from_probe),
             View::Transverse => None,
@@ -156,12 +157,11 @@ impl Servo {
         // Only now: a search that has just succeeded moves it.
         let held = self.state.held.unwrap_or(acquisition.base_from_probe);
         let lost_tip = self.lost_tip_in_probe();
+        let in_contact = self.in_contact(acquisition);
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
             Mode::Search(search) => {
-                let in_contact = self.state.first_force_n < LEAST_CONTACT_N
-                    || acquisition.contact_force_n > CONTACT_SHARE * self.state.first_force_n;
                 let measured = offset_from(&held, &acquisition.base_from_probe, &lost_tip);
                 let candidate = estimate.state == TrackState::Recovering
                     && estimate.tip_px.is_some_and(|px| {
@@ -211,6 +211,12 @@ impl Servo {
             feed_m_s,
             compute_us: 0.0,
         }
+    }
+
+    /// Whether the probe is on the surface, as far as its force can tell.
+    fn in_contact(&self, acquisition: &Acquisition) -> bool {
+        self.state.first_force_n < LEAST_CONTACT_N
+            || acquisition.contact_force_n > CONTACT_SHARE * self.state.first_force_n
     }
 
     /// The last believed tip, probe frame.
@@ -278,8 +284,6 @@ impl Servo {
         let Some(tip_px) = estimate.tip_px else { return (Some(held), 0.0) };
         let settings = self.setup.servo;
         let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
-        // An arm that does not follow would only wind the set point up.
-        let follows = !matches!(acquisition.arm_status, ArmStatus::Collision | ArmStatus::Unreachable);
 
         let measured_m = offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m;
         let sigma_m = self.slice_sigma_m(tip_in_probe.z);
@@ -295,12 +299,8 @@ impl Servo {
                 (0.0, self.follow_along(acquisition.depth_m.is_none(), dt_s))
             }
         };
-        let held = if follows {
-            self.state.corrected_m += correction_m;
-            held * Pose::translation(slide_m, correction_m, 0.0)
-        } else {
-            held
-        };
+        self.state.corrected_m += correction_m;
+        let held = held * Pose::translation(slide_m, correction_m, 0.0);
         self.state.held = Some(held);
 
         let remaining_m = self.remaining_m(acquisition, &tip_in_probe);

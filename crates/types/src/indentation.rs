@@ -13,7 +13,7 @@ const EDGE_M: f64 = 5e-3;
 /// Tissue pressed by a probe's face: where every point of the resting phantom has gone.
 ///
 /// The top face sinks by `depth_m` under the probe's face, less beside it, and the bottom rests:
-/// u_z = −δ·f(z)·X(x)·Y(y) with f″ = f/L². A probe's face is long and narrow, so what is pressed away leaves by its long
+/// u_z = −δ(x)·f(z)·X(x)·Y(y) with f″ = f/L², δ linear along the face where it presses and 0 where it does not. A probe's face is long and narrow, so what is pressed away leaves by its long
 /// sides: u_y follows from a divergence of zero, and u_x is zero. x runs along the face, y across it. Derived from
 /// these assumptions; there is no memory, so it returns as it went.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,28 +26,43 @@ pub struct Indentation {
     pub yaw_rad: f64,
     /// Half the face's length and half its width.
     pub half_size_m: [f64; 2],
-    /// How far the top face is pressed down.
+    /// How far the top face is pressed down in the face's middle; negative where only one end of a leaning face presses.
     pub depth_m: f64,
+    /// How much deeper it is pressed per length along the face: the face leans.
+    pub lean: f64,
     /// Thickness of the phantom.
     pub thickness_m: f64,
 }
 
 impl Indentation {
     /// True when it is a press that tissue can follow: all numbers finite, sizes and thickness positive and at most 1 m,
-    /// the depth not negative and below 0.9·L·tanh(thickness/L). At L·tanh(thickness/L), 20 mm in a thick phantom, the
+    /// the depth at its deeper end not negative and below 0.9·L·tanh(thickness/L). At L·tanh(thickness/L), 20 mm in a thick phantom, the
     /// uppermost layers would pass through one another: −df/dζ at the top is its inverse.
     pub fn is_sound(&self) -> bool {
         let is_size = |v: f64| v > 0.0 && v <= LARGEST_M;
-        [self.x_m, self.y_m, self.yaw_rad].iter().all(|v| v.is_finite())
+        [self.x_m, self.y_m, self.yaw_rad, self.depth_m, self.lean].iter().all(|v| v.is_finite())
             && self.half_size_m.into_iter().all(is_size)
             && is_size(self.thickness_m)
-            && (0.0..MOST_OF_FOLD * DECAY_M * libm::tanh(self.thickness_m / DECAY_M)).contains(&self.depth_m)
+            && (0.0..MOST_OF_FOLD * DECAY_M * libm::tanh(self.thickness_m / DECAY_M))
+                .contains(&self.deepest_m())
+    }
+
+    /// How far the top face is pressed down at a distance along the face from its middle, before [`Self::lengthwise`].
+    pub fn depth_at_m(&self, along_m: f64) -> f64 {
+        let half_m = self.half_size_m[0];
+        // No `clamp`: an unsound size must not panic.
+        (self.depth_m + self.lean * along_m.max(-half_m).min(half_m)).max(0.0)
+    }
+
+    /// At the deeper end.
+    pub fn deepest_m(&self) -> f64 {
+        self.depth_m + self.lean.abs() * self.half_size_m[0]
     }
 
     /// The most that any tissue goes sideways: ∫Y dy ends at half the face's width, and the slope is steepest at the top.
     pub fn most_sideways_m(&self) -> f64 {
         let [_, slope] = self.by_depth(0.0);
-        self.depth_m.abs() * self.half_size_m[1] * slope
+        self.deepest_m().abs() * self.half_size_m[1] * slope
     }
 
     /// f and −df/dζ at a depth ζ below the resting top face.
@@ -90,7 +105,7 @@ impl Indentation {
     pub fn displacement_m(&self, rest: Point) -> Vector {
         let [f, slope] = self.by_depth(-rest.z);
         let [along_m, across_m] = self.along_and_across_m(rest.x, rest.y);
-        let lengthwise_m = self.depth_m * self.lengthwise(along_m);
+        let lengthwise_m = self.depth_at_m(along_m) * self.lengthwise(along_m);
         let [y, swept_m] = self.crosswise(across_m);
         self.sideways() * (lengthwise_m * swept_m * slope) - Vector::z() * (lengthwise_m * y * f)
     }
@@ -120,6 +135,7 @@ mod tests {
         yaw_rad: 0.4,
         half_size_m: [22e-3, 6e-3],
         depth_m: 3e-3,
+        lean: 0.0,
         thickness_m: 60e-3,
     };
 
@@ -170,6 +186,23 @@ mod tests {
             let press = Indentation { depth_m: 12e-3, ..PRESSED };
             assert!((press.rest(rest + press.displacement_m(rest)) - rest).norm() < 1e-9);
         }
+    }
+
+    #[test]
+    fn truth_a_leaning_face_presses_along_a_line_and_only_where_it_presses() {
+        // Unturned, 1 mm deep in the middle, 0.1 deeper per length: nothing is pressed left of −10 mm.
+        let leaning = Indentation { yaw_rad: 0.0, depth_m: 1e-3, lean: 0.1, ..PRESSED };
+        assert!(leaning.is_sound());
+        let sunk_m =
+            |along_m: f64| -leaning.displacement_m(Point::new(leaning.x_m + along_m, leaning.y_m, 0.0)).z;
+        let middle = leaning.crosswise(0.0)[0];
+        for along_m in [-9e-3, -4e-3, 0.0, 3e-3, 8e-3] {
+            let expected_m = (1e-3 + 0.1 * along_m) * middle * leaning.lengthwise(along_m);
+            assert!((sunk_m(along_m) - expected_m).abs() < 1e-12, "{along_m}");
+        }
+        assert_eq!(sunk_m(-11e-3), 0.0);
+        assert!(!Indentation { lean: 1.0, ..leaning }.is_sound(), "its end would fold");
+        assert!(!Indentation { lean: f64::NAN, ..leaning }.is_sound());
     }
 
     #[test]

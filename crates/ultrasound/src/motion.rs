@@ -57,7 +57,7 @@ impl Motion {
     /// The most that tissue comes nearer to the picture's plane along the columns, or goes away from it: what goes down stays
     /// on its column, which leans by the slope.
     pub fn reach_m(&self, shear: &Shear) -> f64 {
-        shear.elevation_slope.abs() * self.indentation.depth_m + 2.0 * self.aside_m()
+        shear.elevation_slope.abs() * self.indentation.deepest_m() + 2.0 * self.aside_m()
     }
 
     /// [`Indentation::sideways`].
@@ -71,7 +71,7 @@ impl Motion {
         between(&self.by_depth, depth_m.max(0.0))
     }
 
-    /// What [`Self::by_depth`] scales to the way down and to the way aside: δ·X·Y and δ·X·∫Y dy at a place of the resting
+    /// What [`Self::by_depth`] scales to the way down and to the way aside: δ(x)·X·Y and δ(x)·X·∫Y dy at a place of the resting
     /// phantom.
     pub fn by_place(&self, x_m: f64, y_m: f64) -> [f64; 2] {
         let (sin, cos) = self.sin_cos;
@@ -79,7 +79,7 @@ impl Motion {
         let (along_m, across_m) = (cos * dx + sin * dy, cos * dy - sin * dx);
         let [x] = between(&self.lengthwise, along_m.abs());
         let [y, swept_m] = between(&self.crosswise, across_m.abs());
-        let lengthwise_m = self.indentation.depth_m * x;
+        let lengthwise_m = self.indentation.depth_at_m(along_m) * x;
         [lengthwise_m * y, lengthwise_m * swept_m.copysign(across_m)]
     }
 
@@ -112,7 +112,8 @@ mod tests {
             y_m: -1e-3,
             yaw_rad: 0.4,
             half_size_m: [22e-3, 6e-3],
-            depth_m: 3e-3,
+            depth_m: 2.5e-3,
+            lean: 0.05,
             thickness_m: 60e-3,
         };
         let mut motion = Motion::new(&Indentation { depth_m: 1e-3, half_size_m: [9e-3, 2e-3], ..pressed });

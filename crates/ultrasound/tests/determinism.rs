@@ -199,6 +199,7 @@ fn no_press_is_too_odd() {
         yaw_rad: 0.3,
         half_size_m: [20e-3, 6e-3],
         depth_m: 2e-3,
+        lean: 0.03,
         thickness_m: 0.06,
     };
     // Such a press counts as none.

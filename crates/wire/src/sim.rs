@@ -208,8 +208,11 @@ impl SimEndpoint {
         })
     }
 
-    /// The next command that has arrived, if any, whatever image it answers.
-    fn try_answer(&self) -> Result<Option<Answer>, WireError> {
+    /// The next command that has arrived, if any, whatever image it answers; never waits.
+    ///
+    /// # Errors
+    /// [`WireError::Transport`].
+    pub fn try_answer(&self) -> Result<Option<Answer>, WireError> {
         let Some(sample) = receive(self.command.receive())? else { return Ok(None) };
         self.fetch_checkpoint()?;
         // A copy first: the sender could still write to shared memory.

@@ -71,25 +71,28 @@ impl Contact {
         }
     }
 
-    /// How the tissue is pressed: `None` without contact, in a liquid, and beyond what tissue can follow. The top face comes to
-    /// lie as deep as the middle of the probe's face, whatever share of the press the model leaves there.
+    /// How the tissue is pressed: `None` without contact, in a liquid, and beyond what tissue can follow. Under its middle
+    /// line the top face comes to lie where the probe's face is, along as much of the array as presses.
     pub(crate) fn indentation(&self, phantom_from_probe: &Pose) -> Option<Indentation> {
         self.stiffness_n_m?;
-        let mean_m = self.mean_indentation_m(phantom_from_probe);
-        if mean_m <= 0.0 {
+        if self.mean_indentation_m(phantom_from_probe) <= 0.0 {
             return None;
         }
         let array = phantom_from_probe.rotation * Vector::x();
-        let down = -(phantom_from_probe.rotation * Vector::z()).z;
+        let level = libm::hypot(array.x, array.y).max(0.1);
         let mut pressed = Indentation {
             x_m: phantom_from_probe.translation.vector.x,
             y_m: phantom_from_probe.translation.vector.y,
             yaw_rad: libm::atan2(array.y, array.x),
             half_size_m: [self.half_aperture_m, FACE_WIDTH_M / 2.0],
-            depth_m: 0.0,
+            depth_m: -phantom_from_probe.translation.vector.z,
+            lean: -array.z / level,
             thickness_m: self.thickness_m,
         };
-        pressed.depth_m = mean_m * down / (pressed.lengthwise(0.0) * pressed.crosswise(0.0)[0]);
+        // What the model leaves of the press under the middle of the face.
+        let left = pressed.lengthwise(0.0) * pressed.crosswise(0.0)[0];
+        pressed.depth_m /= left;
+        pressed.lean /= left;
         Some(pressed).filter(Indentation::is_sound)
     }
 
@@ -151,6 +154,7 @@ impl Touch {
 #[cfg(test)]
 mod tests {
     use nalgebra::UnitQuaternion;
+    use sonoloop_types::Point;
 
     use super::*;
     use crate::fixture;
@@ -218,6 +222,25 @@ mod tests {
         let largest = f64::from(gaps.iter().fold(0.0f32, |a, &b| a.max(b)));
         let expected = element_x_m(&probe, probe.elements - 1) * 0.1f64.tan();
         assert!((largest - expected).abs() < 1e-7, "{largest} {expected}");
+    }
+
+    #[test]
+    fn truth_the_top_face_lies_where_a_leaning_face_presses_and_rests_where_it_does_not() {
+        let probe = fixture::probe();
+        let contact = Contact::new(&probe, &fixture::phantom());
+        for lean_rad in [-0.1, -0.03, 0.0, 0.06] {
+            let pose = down_at(-1e-3, lean_rad);
+            let press = contact.indentation(&pose).expect("pressed");
+            for element in (20..probe.elements - 20).step_by(7) {
+                let face = pose * Point::new(element_x_m(&probe, element), 0.0, 0.0);
+                let top = Point::new(face.x, face.y, 0.0);
+                let sunk_m = -press.displacement_m(top).z;
+                // Within what the ends of the face leave of the press.
+                let expected_m =
+                    (-face.z).max(0.0) * press.lengthwise(face.x - press.x_m) / press.lengthwise(0.0);
+                assert!((sunk_m - expected_m).abs() < 1e-6, "{lean_rad} {element}: {sunk_m} {expected_m}");
+            }
+        }
     }
 
     #[test]

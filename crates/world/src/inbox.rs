@@ -18,11 +18,20 @@ struct Published {
     publication_tick: u64,
 }
 
+/// A command on its way to the robots.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pending {
+    due_tick: u64,
+    /// When the image that it answers was taken.
+    pub image_tick: u64,
+    pub command: Command,
+}
+
 /// Commands accepted and not yet due, and what is needed to judge the next.
 #[derive(Debug, Clone)]
 pub(crate) struct Inbox {
     images: VecDeque<Published>,
-    pending: VecDeque<(u64, Command)>,
+    pending: VecDeque<Pending>,
     last_receipt: Option<CommandReceipt>,
     newest_answered: Option<u64>,
 }
@@ -58,9 +67,9 @@ impl Inbox {
     /// Refuses or schedules a command that arrives at `tick`.
     pub(crate) fn submit(&mut self, command: &Command, tick: u64, bounds: &Bounds) -> CommandReceipt {
         match self.judge(command, tick, bounds) {
-            Ok(due) => {
+            Ok((due_tick, image_tick)) => {
                 self.newest_answered = Some(command.answers);
-                self.pending.push_back((due, *command));
+                self.pending.push_back(Pending { due_tick, image_tick, command: *command });
                 let receipt = CommandReceipt { answers: command.answers, refused: None };
                 self.last_receipt = Some(receipt);
                 receipt
@@ -76,13 +85,13 @@ impl Inbox {
     }
 
     /// The next command whose time has come.
-    pub(crate) fn pop_due(&mut self, tick: u64) -> Option<Command> {
-        let index = self.pending.iter().position(|(due, _)| *due <= tick)?;
-        self.pending.remove(index).map(|(_, command)| command)
+    pub(crate) fn pop_due(&mut self, tick: u64) -> Option<Pending> {
+        let index = self.pending.iter().position(|pending| pending.due_tick <= tick)?;
+        self.pending.remove(index)
     }
 
-    /// Tick at which the command takes effect.
-    fn judge(&self, command: &Command, tick: u64, bounds: &Bounds) -> Result<u64, Refusal> {
+    /// Tick at which the command takes effect, and that of the image that it answers.
+    fn judge(&self, command: &Command, tick: u64, bounds: &Bounds) -> Result<(u64, u64), Refusal> {
         if !is_finite(command) {
             return Err(Refusal::NotFinite);
         }
@@ -103,7 +112,7 @@ impl Inbox {
         if !within(command, bounds) {
             return Err(Refusal::OutOfLimits);
         }
-        Ok(due)
+        Ok((due, image.acquisition_tick))
     }
 }
 

@@ -254,12 +254,11 @@ mod tests {
     }
 
     proptest! {
-        /// The hub's pose from the joints, link by link, is where the needle's line wants it at every depth.
+        /// The hub's pose from the joints, link by link, is where the needle's line wants it at every depth. Entries nearer to
+        /// the phantom's middle than 5 mm are left out: the steepest needles are out of reach there.
         #[test]
         fn truth_the_hub_stays_on_the_needles_line(
-            // Nearer to the arm than this a steep needle is out of the boom's reach.
-            x in -0.04..-0.015f64, y in -0.04..-0.015f64, angle in 5f64..85.0, azimuth in 0f64..90.0,
-            depth_m in 0.0..0.14f64,
+            x in -0.04..-0.005f64, y in -0.04..-0.005f64, angle in 5f64..85.0, azimuth in 0f64..90.0, depth_m in 0.0..0.14f64,
         ) {
             let spec = spec();
             let (angle, azimuth) = (angle.to_radians(), azimuth.to_radians());

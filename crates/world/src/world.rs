@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, NeedlePath, Pose, Refusal, Setup,
-    Slice, Tissue, Truth, Vector,
+    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Indentation, NeedlePath, Point, Pose,
+    Refusal, Setup, Slice, Tissue, Truth, Vector,
 };
 
 use crate::WorldError;
@@ -59,6 +59,8 @@ struct State {
     world_from_phantom: Pose,
     /// Tick at which the last valid command took effect.
     last_command_tick: u64,
+    /// When the image that it answers was taken.
+    obeyed_image_tick: u64,
     /// Distance of the nearest pair within the margin at the last look.
     nearest_m: Option<f64>,
     /// Least distance at which the arm stopped, since the last look with nobody near.
@@ -101,6 +103,7 @@ impl World {
             world_from_probe,
             world_from_phantom: Pose::identity(),
             last_command_tick: 0,
+            obeyed_image_tick: 0,
             nearest_m: None,
             stopped_at_m: None,
             needle_blocked: false,
@@ -158,6 +161,11 @@ impl World {
     pub fn drops_image(&self, sequence: u64) -> bool {
         let share = self.state.timeline.dropped_share();
         share > 0.0 && uniform_for_drop(self.model.scenario.seed, sequence) < share
+    }
+
+    /// How long ago the image was taken that the command in effect answers; before the first one, since the start.
+    pub fn command_age_ticks(&self) -> u64 {
+        self.state.tick - self.state.obeyed_image_tick
     }
 
     /// Commands refused so far.
@@ -277,11 +285,9 @@ impl World {
         let probe_from_path = phantom_from_probe.inverse() * sway;
         let sight = truth::sight(&model.scenario, &model.path, &probe_from_path, state.passage.tip_m);
         let tip_in_phantom = sway * sight.tip_on_path;
-        let press = model.contact.indentation(&phantom_from_probe);
-        let drag = state.passage.drag(&model.path);
-        let target_in_phantom = model.target_at_rest
-            + press.map_or_else(Vector::zeros, |press| press.displacement_m(model.target_at_rest))
-            + drag.map_or_else(Vector::zeros, |drag| drag.displacement_m(model.target_at_rest));
+        let dragged_m = state.passage.drag(&model.path).map(|drag| drag.displacement_m(model.target_at_rest));
+        let target_in_phantom = pressed(model.contact.indentation(&phantom_from_probe), model.target_at_rest)
+            + dragged_m.unwrap_or_default();
         Truth {
             tick: state.tick,
             world_from_probe: state.world_from_probe,
@@ -321,6 +327,11 @@ fn swaying(needle: NeedlePath, sway: &Pose) -> NeedlePath {
     }
 }
 
+/// Where a point of the resting phantom is now.
+fn pressed(indentation: Option<Indentation>, rest: Point) -> Point {
+    rest + indentation.map_or_else(Vector::zeros, |press| press.displacement_m(rest))
+}
+
 impl State {
     fn phantom_from_probe(&self) -> Pose {
         self.world_from_phantom.inverse() * self.world_from_probe
@@ -355,8 +366,9 @@ impl State {
         self.tick += 1;
         self.timeline.step(&scenario.disturbances, self.tick, &mut self.events);
         self.world_from_phantom.translation.vector = self.timeline.phantom_shift_m(self.tick);
-        while let Some(command) = self.inbox.pop_due(self.tick) {
-            self.obey(model, &command);
+        while let Some(due) = self.inbox.pop_due(self.tick) {
+            self.obeyed_image_tick = due.image_tick;
+            self.obey(model, &due.command);
         }
         self.watch_for_silence(scenario.needle_robot.watchdog_ticks);
         self.feed_needle(model);

@@ -4,6 +4,7 @@ use sonoloop_scenario::Scenario;
 use sonoloop_types::{Event, Truth};
 
 use crate::cli::{OutputArgs, RunArgs};
+use crate::clock::WallClock;
 use crate::controller::ControllerKind;
 use crate::error::{AppError, Outcome};
 use crate::judge::{Facts, Judged, Metrics, metrics, passes, verdict};
@@ -68,7 +69,10 @@ pub fn run_id() -> u64 {
 /// Runs one scenario as the command line says.
 pub fn run(args: &RunArgs) -> Result<Outcome, AppError> {
     no_file_in_the_way("--out", args.output.out.as_deref())?;
-    let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
+    let (scenario, mut session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
+    if args.realtime {
+        session = session.paced_by(Box::new(WallClock::default()));
+    }
     let peer: Box<dyn Peer> = match args.tracker.as_deref() {
         _ if args.in_process => Box::new(InProcess::new(ControllerKind::Tracker, kills_tracker(&scenario))),
         Some("none") => Box::new(NoTracker),
@@ -149,6 +153,9 @@ pub fn finish(
     } else {
         say(output::metrics_table(&metrics, &judged).trim_end());
         say(speed_text(&summary));
+        if let Some(text) = staleness_text(&summary) {
+            say(text);
+        }
         say(format_args!("{}  seed {}  {}", scenario.name, scenario.seed, output::verdict_text(&judged)));
     }
     Ok(if passes(&judged) { Outcome::Pass } else { Outcome::Fail })
@@ -158,6 +165,22 @@ fn judge(scenario: &Scenario, recording: &Recording) -> (Metrics, Vec<Judged>) {
     let metrics = metrics(recording, &Facts::of(scenario));
     let judged = verdict(&metrics, &scenario.expect);
     (metrics, judged)
+}
+
+/// One line on a run that was paced by the clock.
+fn staleness_text(summary: &Summary) -> Option<String> {
+    let timing = &summary.timing;
+    let ms = |value: Option<f64>| value.map_or("-".to_owned(), |ms| format!("{ms:.0} ms"));
+    timing.behind_ms_max.map(|behind_ms| {
+        format!(
+            "  in real time (another run next time): age of the command in effect {} in the median, {} at most; \
+             {} of {} images without an answer; at most {behind_ms:.0} ms behind the clock",
+            ms(timing.staleness_ms_p50),
+            ms(timing.staleness_ms_max),
+            timing.images_without_answer,
+            summary.metrics.images,
+        )
+    })
 }
 
 /// One line on speed: what the run cost and which part of it took the time.

@@ -1,8 +1,7 @@
-//! `sonoloop suite`: many scenarios, many seeds, one line each.
+//! `sonoloop suite`: many scenarios, many seeds; a line for each run, then what they come to.
 //!
 //! Runs are in-process (the bytes are the same as in two processes) and share the cores through `--jobs`.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,7 +12,7 @@ use super::run::{Finished, execute_in_process};
 use crate::cli::SuiteArgs;
 use crate::controller::ControllerKind;
 use crate::error::{AppError, Outcome};
-use crate::output::{Case as JunitCase, CaseResult, junit_xml, wilson};
+use crate::output::{Case as JunitCase, CaseResult, Rates, Run, junit_xml};
 use crate::paths::no_file_in_the_way;
 use crate::say::say;
 use crate::scenarios::{find, prepare};
@@ -92,19 +91,12 @@ fn report(
     cases: &[Case],
     results: &[Result<Finished, AppError>],
 ) -> Result<Outcome, AppError> {
-    let mut per_file: BTreeMap<String, (u64, u64)> = BTreeMap::new();
-    for (case, result) in cases.iter().zip(results) {
-        let entry = per_file.entry(case.file.display().to_string()).or_default();
-        entry.1 += 1;
-        entry.0 += u64::from(matches!(result, Ok(finished) if finished.passed()));
-    }
-    let rates: Vec<_> = per_file
+    let judged: Vec<Run> = cases
         .iter()
-        .map(|(file, &(passed, runs))| {
-            let (low, high) = wilson(passed, runs);
-            json!({"scenario": file, "passed": passed, "runs": runs, "wilson_low": low, "wilson_high": high})
-        })
+        .zip(results)
+        .map(|(case, result)| (case.file.as_path(), case.seed, result.as_ref().ok().map(|f| &f.summary)))
         .collect();
+    let rates = Rates::of(&judged);
     if args.json {
         let runs: Vec<_> = cases
             .iter()
@@ -114,12 +106,9 @@ fn report(
                 Err(error) => json!({"scenario": case.file, "seed": case.seed, "error": error.to_string()}),
             })
             .collect();
-        say(json!({"runs": runs, "rates": rates}));
+        say(json!({"runs": runs, "rates": rates.rates, "groups": rates.groups, "all": rates.all}));
     } else {
-        for (file, (passed, runs)) in &per_file {
-            let (low, high) = wilson(*passed, *runs);
-            say(format_args!("{file:<44} {passed:>3}/{runs:<3}  95 % interval {low:.3}–{high:.3}"));
-        }
+        say(rates.text().trim_end());
     }
     if let Some(file) = &args.junit {
         let cases: Vec<JunitCase> = cases

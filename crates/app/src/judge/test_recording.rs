@@ -80,6 +80,7 @@ pub(crate) fn image_row(sequence: u64, visible: bool, state: Option<TrackState>,
             compute_us: 0.0,
             feed_m_s: 0.0,
         }),
+        command_age_ticks: PERIOD,
     }
 }
 

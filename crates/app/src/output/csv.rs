@@ -10,10 +10,11 @@ use crate::record::ImageRow;
 const IMAGE_COLUMNS: &str = "sequence,tick,publication_tick,image_hash,tip_u_px,tip_v_px,visible,\
     plane_offset_mm,estimate_u_px,estimate_v_px,state,reason,ncc_previous,ncc_anchor,brightness_ratio,\
     tip_level,iterations,conditioning,depth_mm,feed_mm_s,feed_command_mm_s,force_n,needle_force_n,arm_status,\
-    target_x_mm,target_y_mm,target_z_mm,target_qx,target_qy,target_qz,target_qw";
+    target_x_mm,target_y_mm,target_z_mm,target_qx,target_qy,target_qz,target_qw,command_age_ms";
 
-/// One row per image. `tip_*` is the true reference point, `depth`, `feed` and both forces are true values, the
-/// target is `target_base_from_probe`; a field without a value is empty. Equal runs give equal bytes.
+/// One row per image. `tip_*` is the true reference point, `depth`, `feed` and both forces are true values, the target is
+/// `target_base_from_probe`, `command_age` that of the image which the command in effect answers; a field without a value is
+/// empty. Equal runs give equal bytes.
 pub fn images_csv(images: &[ImageRow]) -> String {
     let mut csv = format!("{IMAGE_COLUMNS}\n");
     for row in images {
@@ -56,6 +57,7 @@ fn image_line(csv: &mut String, row: &ImageRow) {
     ];
     fields.extend((0..3).map(|axis| number(target.map(|pose| pose.translation.vector[axis] * 1e3))));
     fields.extend((0..4).map(|axis| number_nine(quaternion.map(|quaternion| quaternion[axis]))));
+    fields.push((row.command_age_ticks * 1000 / TICKS_PER_SECOND).to_string());
     csv.push_str(&fields.join(","));
     csv.push('\n');
 }
@@ -133,7 +135,7 @@ mod tests {
         command.feed_m_s = 0.01;
         let expected = "2,80,80,0000000000000abc,100.000000,200.000000,1,0.000000,103.000000,204.000000,\
             tracking,ok,0.750000,,,,0,,12.345679,0.000000,10.000000,5.000000,0.500000,ready,100.000000,-200.000000,\
-            300.000000,0.000000,0.000000,0.000000,1.000000000"
+            300.000000,0.000000,0.000000,0.000000,1.000000000,40"
             .replace("0.000000,0.000000,0.000000,1.", "0.000000000,0.000000000,0.000000000,1.");
         assert_eq!(images_csv(&[row]).lines().nth(1), Some(expected.as_str()));
     }

@@ -191,8 +191,16 @@ fn timing(page: &mut String, outcome: &Outcome<'_>) {
         ("world, median per image", "ms", number(timing.physics_ms_p50)),
         ("tracking, median per image", "µs", number(timing.track_us_p50)),
         ("transport, median per image", "µs", number(timing.wire_us_p50)),
+        ("age of the command in effect, median over images", "ms", number(timing.staleness_ms_p50)),
+        ("the same, largest", "ms", number(timing.staleness_ms_max)),
+        ("images without an answer", "", timing.images_without_answer.to_string()),
+        ("farthest behind the clock", "ms", number(timing.behind_ms_max)),
     ];
-    page.push_str("<section><h2>Timing</h2>\n<table>\n");
+    page.push_str("<section><h2>Timing</h2>\n");
+    if timing.behind_ms_max.is_some() {
+        page.push_str("<p>Paced by the clock: the same seed gives another run next time.</p>\n");
+    }
+    page.push_str("<table>\n");
     for (what, unit, value) in rows {
         let _ = writeln!(page, "<tr><td>{what}</td><td>{value}</td><td>{unit}</td></tr>");
     }

@@ -1,8 +1,8 @@
 use serde::Serialize;
-use sonoloop_types::EndReason;
+use sonoloop_types::{EndReason, TICKS_PER_SECOND};
 
 use crate::judge::{Judged, Metrics, passes};
-use crate::record::{Recording, Timing};
+use crate::record::Recording;
 
 /// `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -17,6 +17,8 @@ pub struct Summary {
     pub verdict: &'static str,
     /// Why the run ended; after anything but `target_reached` and `time_over` its bytes are not comparable.
     pub end: EndReason,
+    /// Paced by the clock: the same seed gives other bytes next time.
+    pub realtime: bool,
     /// Every expectation and what became of it.
     pub expectations: Vec<Judged>,
     /// All metrics; null without a value.
@@ -41,9 +43,10 @@ impl Summary {
             version: version.to_owned(),
             verdict: if passes(judged) { "pass" } else { "fail" },
             end: recording.end,
+            realtime: recording.timing.behind_ticks.is_some(),
             expectations: judged.to_vec(),
             metrics: *metrics,
-            timing: TimingSummary::of(&recording.timing),
+            timing: TimingSummary::of(recording),
         }
     }
 
@@ -71,11 +74,22 @@ pub struct TimingSummary {
     pub simulated_s: f64,
     /// Simulated over wall-clock time.
     pub realtime_factor: Option<f64>,
+    /// Median age of the command in effect when an image was handed out: since the image was taken that it answers.
+    pub staleness_ms_p50: Option<f64>,
+    /// The largest such age.
+    pub staleness_ms_max: Option<f64>,
+    /// Images without an answer, or with none that was sound.
+    pub images_without_answer: u64,
+    /// Farthest that simulated time fell behind the clock; null in lockstep, which has no clock.
+    pub behind_ms_max: Option<f64>,
 }
 
 impl TimingSummary {
     /// Sums up a run's timing; a median of nothing is `None`.
-    pub fn of(timing: &Timing) -> Self {
+    pub fn of(recording: &Recording) -> Self {
+        let (timing, images) = (&recording.timing, &recording.images);
+        let ms = |ticks: u64| (ticks * 1000 / TICKS_PER_SECOND) as f32;
+        let ages_ms: Vec<f32> = images.iter().map(|row| ms(row.command_age_ticks)).collect();
         Self {
             render_ms_p50: median(&timing.render_ms),
             physics_ms_p50: median(&timing.physics_ms),
@@ -84,16 +98,21 @@ impl TimingSummary {
             wall_s: timing.wall_s,
             simulated_s: timing.simulated_s,
             realtime_factor: (timing.wall_s > 0.0).then(|| timing.simulated_s / timing.wall_s),
+            staleness_ms_p50: median(&ages_ms),
+            staleness_ms_max: ages_ms.iter().copied().reduce(f32::max).map(f64::from),
+            images_without_answer: images.iter().filter(|row| row.command.is_none()).count() as u64,
+            behind_ms_max: timing.behind_ticks.map(ms).map(f64::from),
         }
     }
 }
 
-fn median(values: &[f32]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f32::total_cmp);
+/// Median; of nothing there is none.
+pub(super) fn median<T: Copy + Into<f64>>(values: &[T]) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.iter().copied().map(T::into).collect();
+    sorted.sort_by(f64::total_cmp);
     let middle = sorted.len() / 2;
-    let upper = f64::from(*sorted.get(middle)?);
-    Some(if sorted.len() % 2 == 1 { upper } else { (f64::from(sorted[middle - 1]) + upper) / 2.0 })
+    let upper = *sorted.get(middle)?;
+    Some(if sorted.len() % 2 == 1 { upper } else { (sorted[middle - 1] + upper) / 2.0 })
 }
 
 #[cfg(test)]
@@ -101,6 +120,7 @@ mod tests {
     use super::*;
     use crate::judge::test_recording::{facts, scripted};
     use crate::judge::{metrics, verdict};
+    use crate::record::Timing;
 
     #[test]
     fn summary_has_the_shape_of_the_contract() {
@@ -123,17 +143,31 @@ mod tests {
         assert_eq!(json["end"], "interrupted");
         assert_eq!(
             top,
-            ["end", "expectations", "metrics", "scenario", "seed", "timing", "verdict", "version"]
+            [
+                "end",
+                "expectations",
+                "metrics",
+                "realtime",
+                "scenario",
+                "seed",
+                "timing",
+                "verdict",
+                "version"
+            ]
         );
         let mut timing = keys(&json["timing"]);
         timing.sort();
         assert_eq!(
             timing,
             [
+                "behind_ms_max",
+                "images_without_answer",
                 "physics_ms_p50",
                 "realtime_factor",
                 "render_ms_p50",
                 "simulated_s",
+                "staleness_ms_max",
+                "staleness_ms_p50",
                 "track_us_p50",
                 "wall_s",
                 "wire_us_p50"
@@ -147,5 +181,9 @@ mod tests {
         assert_eq!(json["timing"]["render_ms_p50"], 2.5);
         assert_eq!(json["timing"]["track_us_p50"], serde_json::Value::Null);
         assert_eq!(json["timing"]["realtime_factor"], 6.0);
+        assert_eq!(
+            (&json["realtime"], &json["timing"]["behind_ms_max"]),
+            (&false.into(), &serde_json::Value::Null)
+        );
     }
 }

@@ -60,8 +60,10 @@ pub struct ImageRow {
     pub hash: u64,
     /// The truth at the image's acquisition tick.
     pub truth: Truth,
-    /// The answer to this image; `None` while the tracker is down.
+    /// The answer to this image; `None` while the tracker is down, and where it never came.
     pub command: Option<Command>,
+    /// When this image was handed out: how long ago the image was taken that the command in effect answers.
+    pub command_age_ticks: u64,
 }
 
 impl ImageRow {
@@ -111,4 +113,6 @@ pub struct Timing {
     pub wall_s: f64,
     /// Simulated time over the same stretch.
     pub simulated_s: f64,
+    /// Farthest that simulated time fell behind the clock, in ticks, for a run that was paced by it.
+    pub behind_ticks: Option<u64>,
 }

@@ -105,6 +105,7 @@ pub fn press(phantom_from_probe: &Pose, half_length_m: f64, depth_m: f64) -> Ind
         yaw_rad: 0.3,
         half_size_m: [half_length_m, 6e-3],
         depth_m,
+        lean: 0.03,
         thickness_m: 0.06,
     }
 }
