@@ -13,6 +13,8 @@ const CONTACT_SHARE: f64 = 0.2;
 /// Below this the force at the start is noise (a liquid bears no probe), and contact cannot be judged by it.
 const LEAST_CONTACT_N: f64 = 0.2;
 
+/// Share of an image in the smoothed level of the tip.
+const LEVEL_SHARE: f64 = 0.1;
 /// Standard deviation of what a hand moves the needle in one image beyond what was foreseen; there is no depth then.
 const HAND_WALK_M: f64 = 0.15e-3;
 
@@ -71,6 +73,12 @@ pub struct ServoState {
     last: Option<Last>,
     first_force_n: f64,
     first_side: f64,
+    /// Level of a tracked tip, smoothed.
+    tip_level: Option<f64>,
+    /// Lateral: metres along y by which the needle leaves the plane per second of feed.
+    drift_m_s: f64,
+    /// Feed last asked for.
+    last_feed_m_s: f64,
 }
 
 /// Turns estimates into commands.
@@ -95,6 +103,9 @@ impl Servo {
             last: None,
             first_force_n: 0.0,
             first_side: 1.0,
+            tip_level: None,
+            drift_m_s: 0.0,
+            last_feed_m_s: 0.0,
         };
         Self { setup, state }
     }
@@ -158,6 +169,10 @@ impl Servo {
         let held = self.state.held.unwrap_or(acquisition.base_from_probe);
         let lost_tip = self.lost_tip_in_probe();
         let in_contact = self.in_contact(acquisition);
+        let shaft_below = match self.setup.view {
+            View::Lateral => None,
+            View::Transverse => self.least_tip_level(),
+        };
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
@@ -167,7 +182,10 @@ impl Servo {
                     && estimate.tip_px.is_some_and(|px| {
                         let off_m = (self.setup.geometry.probe_from_px(px) - lost_tip).norm();
                         off_m < settings.candidate_reach_m
-                    });
+                    })
+                    // Behind the tip every plane cuts the shaft: what is dimmer is no candidate there.
+                    && shaft_below
+                        .is_none_or(|least| estimate.tip_level.is_some_and(|level| level >= least));
                 search.advance(
                     settings,
                     &search::View {
@@ -204,6 +222,7 @@ impl Servo {
                 tip_px,
             });
         }
+        self.state.last_feed_m_s = feed_m_s;
         Command {
             answers: acquisition.sequence,
             estimate: *estimate,
@@ -224,6 +243,16 @@ impl Servo {
         // Before there is any, nothing moves that could depend on it.
         let px = self.state.last.map(|last| last.tip_px).or(self.setup.click_px);
         self.setup.geometry.probe_from_px(px.unwrap_or_default())
+    }
+
+    /// Level that a tip has at least, from that of the tracked one: a slice's edge is dimmer in a lateral picture, the shaft, which
+    /// is far dimmer, in a transverse one, where the plane need not be centred to be believed.
+    fn least_tip_level(&self) -> Option<f64> {
+        let crests = match self.setup.view {
+            View::Lateral => 1.0,
+            View::Transverse => 2.0,
+        };
+        self.state.tip_level.map(|level| level - crests * self.setup.servo.crest_levels)
     }
 
     /// Transverse: carries the held plane along with the tip, whatever else is going on. Returns by how much, metres along y.
@@ -252,8 +281,14 @@ impl Servo {
                     self.state.first_side = if ahead { 1.0 } else { -1.0 };
                 }
                 let first_side = self.state.first_side;
-                self.state.mode =
-                    Mode::Search(Search::new(&self.setup.servo, time_s, first_side, after_restart));
+                let tip_level = self.least_tip_level().map(|least| least + self.setup.servo.crest_levels);
+                self.state.mode = Mode::Search(Search::new(
+                    &self.setup.servo,
+                    time_s,
+                    first_side,
+                    tip_level,
+                    after_restart,
+                ));
                 self.state.hold.reset();
                 self.state.hand_m_s = 0.0;
             }
@@ -285,6 +320,10 @@ impl Servo {
         let settings = self.setup.servo;
         let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
 
+        if let Some(level) = estimate.tip_level {
+            let smoothed = self.state.tip_level.unwrap_or(level);
+            self.state.tip_level = Some(smoothed + LEVEL_SHARE * (level - smoothed));
+        }
         let measured_m = offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m;
         let sigma_m = self.slice_sigma_m(tip_in_probe.z);
         let dither_m =
@@ -339,12 +378,19 @@ impl Servo {
             let window_s = 2.0 * settings.dither_period_s;
             self.state.hold.push(time_s, self.state.corrected_m + measured_m, level, window_s);
         }
-        let Some(centre_m) = self.state.hold.centre_m(sigma_m) else { return 0.0 };
+        let feeding = self.state.last_feed_m_s > 0.0;
+        let drifted_m = if feeding { self.state.drift_m_s * dt_s } else { 0.0 };
+        let Some(centre_m) = self.state.hold.centre_m(sigma_m) else { return drifted_m };
         let wanted_m = (centre_m - self.state.corrected_m).clamp(-sigma_m, sigma_m);
         if wanted_m != 0.0 {
             self.state.first_side = wanted_m.signum();
         }
-        (settings.elevation_gain_per_s * dt_s).min(1.0) * wanted_m
+        let gain_per_s = settings.elevation_gain_per_s;
+        if feeding {
+            // A twisted or tilted plane leaves the needle at an even pace; critically damped, as below.
+            self.state.drift_m_s += 0.25 * gain_per_s * gain_per_s * wanted_m * dt_s;
+        }
+        drifted_m + (gain_per_s * dt_s).min(1.0) * wanted_m
     }
 
     /// Transverse: correction of the plane along the needle from the belief about the tip, metres along y.

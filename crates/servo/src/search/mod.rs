@@ -73,6 +73,10 @@ pub struct Search {
     /// Number of the next waypoint.
     leg: usize,
     first_side: f64,
+    /// Level of the tip before it was lost.
+    tip_level: Option<f64>,
+    /// The last candidate was about as bright.
+    bright: bool,
     /// Side to which the plane was moved last, along the axis.
     heading: f64,
     look_until_s: f64,
@@ -106,13 +110,24 @@ pub struct View {
 
 impl Search {
     /// Begins at `time_s`; `first_side` (±1) is the side swept first, from the memory of the last motion.
-    pub fn new(settings: &ServoSettings, time_s: f64, first_side: f64, after_restart: bool) -> Self {
+    ///
+    /// A candidate dimmer than `tip_level` by more than the levels of a crest is not confirmed where the plane happens to
+    /// stand: it is the edge of the slice, and its crest is looked for.
+    pub fn new(
+        settings: &ServoSettings,
+        time_s: f64,
+        first_side: f64,
+        tip_level: Option<f64>,
+        after_restart: bool,
+    ) -> Self {
         Self {
             phase: Phase::Look,
             commanded: Offset::default(),
             axis: Axis::Elevation,
             leg: 0,
             first_side,
+            tip_level,
+            bright: tip_level.is_none(),
             heading: first_side,
             look_until_s: time_s + if after_restart { LOOK_AFTER_RESTART_S } else { settings.look_s },
             began_s: time_s,
@@ -126,7 +141,11 @@ impl Search {
 
     /// True while the tracker must not confirm a candidate because the plane is on its way.
     pub fn holds_confirmation(&self) -> bool {
-        matches!(self.phase, Phase::Sweep | Phase::Crest { arrived_s: None, .. })
+        match self.phase {
+            Phase::Sweep | Phase::Crest { arrived_s: None, .. } => true,
+            Phase::Look => !self.bright,
+            Phase::Crest { .. } | Phase::NotFound => false,
+        }
     }
 
     /// Takes one picture's answer and sets [`Self::commanded`].
@@ -147,10 +166,13 @@ impl Search {
         let spent = view.time_s - self.began_s > settings.max_search_s
             || self.travel_m > settings.max_search_travel_m;
         let candidate = view.candidate;
+        self.bright = self.tip_level.is_none_or(|tip_level| {
+            candidate && view.level.is_some_and(|level| level >= tip_level - settings.crest_levels)
+        });
         match self.phase {
             Phase::NotFound => {}
             Phase::Look => {
-                if view.time_s >= self.look_until_s && !candidate {
+                if view.time_s >= self.look_until_s && !(candidate && self.bright) {
                     self.phase = Phase::Sweep;
                 }
             }
@@ -285,7 +307,7 @@ mod tests {
     /// Runs a search over a tip that is seen within `half_width_m` of `tip_m`; the plane follows its command.
     fn run(tip_m: f64, half_width_m: f64, first_side: f64) -> (Search, f64, f64) {
         let settings = settings();
-        let mut search = Search::new(&settings, 0.0, first_side, false);
+        let mut search = Search::new(&settings, 0.0, first_side, None, false);
         let mut time_s = 0.0;
         let mut farthest_m = 0.0_f64;
         for _ in 0..2000 {
@@ -341,9 +363,54 @@ mod tests {
     }
 
     #[test]
+    fn a_candidate_dimmer_than_the_tip_was_is_not_confirmed_where_it_stands() {
+        let settings = settings();
+        for (level, waits) in [(110.0, true), (125.0, false)] {
+            let mut search = Search::new(&settings, 0.0, 1.0, Some(128.0), false);
+            for k in 1..=10 {
+                let (time_s, measured) = (0.04 * f64::from(k), search.commanded);
+                let view = View {
+                    time_s,
+                    dt_s: 0.04,
+                    measured,
+                    candidate: true,
+                    level: Some(level),
+                    in_contact: true,
+                    pressed_hard: false,
+                };
+                search.advance(&settings, &view);
+                assert_eq!(search.holds_confirmation(), waits);
+            }
+            assert_eq!(search.phase == Phase::Sweep, waits);
+        }
+    }
+
+    #[test]
+    fn while_the_force_is_above_its_bound_the_plane_stands_and_the_time_counts() {
+        let settings = settings();
+        let mut search = Search::new(&settings, 0.0, 1.0, None, false);
+        let mut farthest_m = 0.0_f64;
+        for k in 1..=600 {
+            let (time_s, measured) = (0.04 * f64::from(k), search.commanded);
+            let view = View {
+                time_s,
+                dt_s: 0.04,
+                measured,
+                candidate: false,
+                level: None,
+                in_contact: true,
+                pressed_hard: true,
+            };
+            search.advance(&settings, &view);
+            farthest_m = farthest_m.max(search.commanded.elevation_m.abs());
+        }
+        assert_eq!((search.phase, farthest_m), (Phase::NotFound, 0.0));
+    }
+
+    #[test]
     fn without_contact_the_plane_stands_still() {
         let settings = settings();
-        let mut search = Search::new(&settings, 0.0, 1.0, false);
+        let mut search = Search::new(&settings, 0.0, 1.0, None, false);
         for k in 1..200 {
             let view = View {
                 time_s: 0.04 * f64::from(k),
