@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use sonoloop_types::{
-    Image, Indentation, NeedlePath, NeedleSpec, Point, Pose, Precision, ProbeSpec, Slice, Tissue, Vector,
+    Drag, Image, Indentation, NeedlePath, NeedleSpec, Point, Pose, Precision, ProbeSpec, Slice, Tissue,
+    Vector,
 };
 use sonoloop_ultrasound::Renderer;
 
@@ -29,6 +30,8 @@ pub struct Scene {
     elements: usize,
     /// How far the probe presses the tissue.
     pub press_m: f64,
+    /// What the needle drags.
+    pub drag: Option<Drag>,
     image: Image,
     sequence: u64,
 }
@@ -53,6 +56,7 @@ impl Scene {
             renderer: Renderer::new(probe, needle, tissue, 0),
             needle: needle_angle_deg.map(|deg| path(deg.to_radians())),
             press_m: 0.0,
+            drag: None,
             image: Image::black(geometry.width_px, geometry.height_px),
             sequence: 0,
         }
@@ -85,7 +89,7 @@ impl Scene {
             element_gap_m: vec![0.0; self.elements],
             element_loss_db: Vec::new(),
             indentation: (self.press_m > 0.0).then_some(indentation),
-            drag: None,
+            drag: self.drag,
             gain_db: 0.0,
             noise_gain_db: 0.0,
         };

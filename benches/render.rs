@@ -3,7 +3,7 @@
 use divan::Bencher;
 use rayon::ThreadPoolBuilder;
 use sonoloop_benches::{Scene, pose};
-use sonoloop_types::Precision;
+use sonoloop_types::{Drag, Point, Precision, Vector};
 
 fn main() {
     divan::main();
@@ -63,12 +63,27 @@ fn fine<const THREADS: usize>(bencher: Bencher, name: &str) {
     move_probe(bencher, THREADS, name, 0.01, Precision::Fine);
 }
 
-/// The probe presses by 2 mm and slides: every scatterer by itself.
+/// The probe presses by 2 mm and slides.
 #[divan::bench(consts = [1, 2], sample_count = 60)]
 fn pressed<const THREADS: usize>(bencher: Bencher) {
-    let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("threads");
+    slide_pressed(bencher, THREADS, None);
+}
+
+/// The same, and the needle's tip carries tissue along by 1.5 mm.
+#[divan::bench(consts = [1, 2], sample_count = 60)]
+fn dragged<const THREADS: usize>(bencher: Bencher) {
+    let drag = Drag {
+        centre_in_phantom: Point::new(0.0, 0.0, -25e-3),
+        displacement_in_phantom: Vector::new(1.2e-3, 0.0, -0.9e-3),
+        decay_m: 5e-3,
+    };
+    slide_pressed(bencher, THREADS, Some(drag));
+}
+
+fn slide_pressed(bencher: Bencher, threads: usize, drag: Option<Drag>) {
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let mut scene = Scene::new(Some(40.0), Precision::Usual);
-    scene.press_m = 2e-3;
+    (scene.press_m, scene.drag) = (2e-3, drag);
     let mut step = 0;
     bencher.bench_local(|| {
         step += 1;

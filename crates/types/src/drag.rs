@@ -22,6 +22,18 @@ impl Drag {
     }
 }
 
+impl Drag {
+    /// True when tissue can follow: all numbers finite, ℓ positive, and |u₀| below 0.9·ℓ, so that nothing folds over.
+    pub fn is_sound(&self) -> bool {
+        const MOST_OF_FOLD: f64 = 0.9;
+        let finite =
+            self.centre_in_phantom.iter().chain(self.displacement_in_phantom.iter()).all(|v| v.is_finite());
+        finite
+            && self.decay_m.is_finite()
+            && self.displacement_in_phantom.norm() < MOST_OF_FOLD * self.decay_m
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -193,6 +193,7 @@ pub fn add_echoes(
         let [high_m, low_m] = shear
             .elevations_at(e_m, slab.reach_m)
             .map(|row| -((row - top_row) / shear.rows_per_scatterer + 0.5) * lattice.depth_step_m);
+        let mut by_place = None;
         for (place, &Facet { z_m, level_np, slope }) in columns.facets(ix, iy, low_m, high_m) {
             let (rest_z_m, slope) = (f64::from(z_m), slope.map(f64::from));
             let row = top_row + lattice.index_at(rest_z_m) * shear.rows_per_scatterer;
@@ -205,7 +206,8 @@ pub fn add_echoes(
             if let Some(motion) = motion {
                 let [column_x_m, column_y_m] = lattice.column_m(ix, iy);
                 let rest = Point::new(column_x_m, column_y_m, rest_z_m);
-                let by_m = motion.displacement_m(rest);
+                let by_place = *by_place.get_or_insert_with(|| motion.by_place(rest.x, rest.y));
+                let by_m = motion.displacement_of(by_place, rest);
                 [x_m, e_m, z_m] = [(x_m, lateral), (e_m, elevational), (z_m, down)]
                     .map(|(at_rest_m, axis)| at_rest_m + by_m.dot(&axis));
                 if hidden(x_m, e_m, z_m) {

@@ -7,6 +7,7 @@ use crate::{beam::Beam, fast::floor};
 /// against Rayleigh, its grain against the beam, and its decorrelation in elevation, with this length. Four times as long
 /// it costs 1 ms per picture while the probe tilts (`benches/README.md`): the delayed copies do not fit the caches.
 pub const TAPE_LENGTH: usize = 4096;
+const _: () = assert!(TAPE_LENGTH.is_power_of_two());
 
 /// A regular lattice of scatterers fixed in the phantom frame: columns along z in rows that run along x, every
 /// other row shifted by half a spacing; the n-th scatterer of a column at z = −(n+½)·d.

@@ -17,8 +17,9 @@
 //! [`Renderer`] runs them in this order; the fast path is the *shear-column splat*. The working grid is laid
 //! along the phantom's columns: lines one pixel apart, sheared with the tilt, rows one lattice step apart.
 //! Along a column the line fraction, the depth fraction and the phase are then constant, and a column is one
-//! multiply-add of a shared noise tape into two lines. Where a probe presses ([`sonoloop_types::Indentation`]) columns
-//! bend: runs of them, nearly straight on rows that follow the press, are added as straight columns are.
+//! multiply-add of a shared noise tape into two lines. Where a probe presses ([`sonoloop_types::Indentation`]) or a
+//! needle's tip drags ([`sonoloop_types::Drag`]) columns bend: runs of them, nearly straight on rows that follow the
+//! tissue, are added as straight columns are, and scatterers one by one where there are no such runs.
 //!
 //! | file | does |
 //! |---|---|
@@ -51,7 +52,7 @@
 //!
 //! # Left out
 //!
-//! Tissue does not deform under the needle, and sound speed and loss move with tissue under the probe by whole columns.
+//! Sound speed and loss move with tissue by whole columns.
 //! Through other sound speeds a pulse keeps its carrier as drawn: the field is some 12 % off the sum over its scatterers
 //! there, not 5 %. In the first half millimetre scatterers above the face are missing, and the picture's top row is dark.
 //! Where pixels are coarser than the pulse (a picture 120 mm deep) the envelope is sampled, not averaged, and thin bright

@@ -1,6 +1,6 @@
-//! Where moved tissue is: [`Indentation`] by tables.
+//! Where moved tissue is: [`Indentation`] by tables, and [`Drag`].
 
-use sonoloop_types::{Indentation, Point, Vector};
+use sonoloop_types::{Drag, Indentation, Point, Vector};
 
 use crate::shear::Shear;
 
@@ -10,9 +10,20 @@ const STEPS_PER_M: f64 = 1.0 / STEP_M;
 /// The tissue is at rest so far beside the face: erfc(5) is 2e-12.
 const BESIDE_M: f64 = 25e-3;
 
-/// Tables of one face on one phantom, and the press that they serve.
+/// A press that moves nothing.
+const AT_REST: Indentation = Indentation {
+    x_m: 0.0,
+    y_m: 0.0,
+    yaw_rad: 0.0,
+    half_size_m: [STEP_M; 2],
+    depth_m: 0.0,
+    thickness_m: STEP_M,
+};
+
+/// Tables of one face on one phantom, the press that they serve, and what the needle drags.
 pub struct Motion {
     indentation: Indentation,
+    drag: Option<Drag>,
     /// [`Indentation::by_depth`] from the resting top face down.
     by_depth: Vec<[f64; 2]>,
     /// [`Indentation::lengthwise`] and [`Indentation::crosswise`] from the face's middle on; the latter's second value is
@@ -23,12 +34,14 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Of a press that is sound.
-    pub fn new(indentation: &Indentation) -> Self {
+    /// Of a press, a drag or both, which are sound.
+    pub fn new(indentation: Option<&Indentation>, drag: Option<Drag>) -> Self {
+        let indentation = indentation.unwrap_or(&AT_REST);
         let [half_length_m, half_width_m] = indentation.half_size_m;
         let places = |reach_m: f64| (0..(reach_m * STEPS_PER_M) as usize + 3).map(|i| i as f64 * STEP_M);
         Self {
             indentation: *indentation,
+            drag,
             by_depth: places(indentation.thickness_m).map(|d_m| indentation.by_depth(d_m)).collect(),
             lengthwise: places(half_length_m + BESIDE_M).map(|d_m| [indentation.lengthwise(d_m)]).collect(),
             crosswise: places(half_width_m + BESIDE_M).map(|d_m| indentation.crosswise(d_m)).collect(),
@@ -37,21 +50,22 @@ impl Motion {
     }
 
     /// Goes on to another press, with the same tables where they serve it.
-    pub fn set(&mut self, indentation: &Indentation) {
+    pub fn set(&mut self, indentation: Option<&Indentation>, drag: Option<Drag>) {
+        let indentation = indentation.unwrap_or(&AT_REST);
         let before = &self.indentation;
         let same =
             before.half_size_m == indentation.half_size_m && before.thickness_m == indentation.thickness_m;
         if !same {
-            *self = Self::new(indentation);
+            *self = Self::new(Some(indentation), drag);
         }
-        self.indentation = *indentation;
+        (self.indentation, self.drag) = (*indentation, drag);
         self.sin_cos = libm::sincos(indentation.yaw_rad);
     }
 
-    /// The most that tissue goes sideways. The column that it belongs to may stand twice as far off: seen along columns
+    /// The most that tissue goes sideways, or is dragged. The column that it belongs to may stand twice as far off: seen along columns
     /// that lean by up to 60° a metre of the phantom's horizontal is up to two of the picture's plane.
     pub fn aside_m(&self) -> f64 {
-        self.indentation.most_sideways_m()
+        self.indentation.most_sideways_m() + self.drag.map_or(0.0, |drag| drag.displacement_in_phantom.norm())
     }
 
     /// The most that tissue comes nearer to the picture's plane along the columns, or goes away from it: what goes down stays
@@ -85,9 +99,20 @@ impl Motion {
 
     /// Where a point of the resting phantom is now, minus where it was.
     pub fn displacement_m(&self, rest: Point) -> Vector {
+        self.displacement_of(self.by_place(rest.x, rest.y), rest)
+    }
+
+    /// The same where [`Self::by_place`] is known.
+    #[inline]
+    pub fn displacement_of(&self, [down, aside]: [f64; 2], rest: Point) -> Vector {
         let [f, slope] = self.by_depth(-rest.z);
-        let [down, aside] = self.by_place(rest.x, rest.y);
-        self.sideways() * (aside * slope) - Vector::z() * (down * f)
+        let pressed = self.sideways() * (aside * slope) - Vector::z() * (down * f);
+        self.drag.map_or(pressed, |drag| pressed + drag.displacement_m(rest))
+    }
+
+    /// What the needle drags.
+    pub fn drag(&self) -> Option<&Drag> {
+        self.drag.as_ref()
     }
 }
 
@@ -116,8 +141,9 @@ mod tests {
             lean: 0.05,
             thickness_m: 60e-3,
         };
-        let mut motion = Motion::new(&Indentation { depth_m: 1e-3, half_size_m: [9e-3, 2e-3], ..pressed });
-        motion.set(&pressed);
+        let mut motion =
+            Motion::new(Some(&Indentation { depth_m: 1e-3, half_size_m: [9e-3, 2e-3], ..pressed }), None);
+        motion.set(Some(&pressed), None);
         for i in 0..2000 {
             let at = f64::from(i);
             let rest =

@@ -12,7 +12,7 @@ use crate::{
     beam::Beam,
     columns::{self, Columns},
     elevation::ElevationTable,
-    fast::floor,
+    fast::{exp_minus, floor},
     instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
@@ -45,8 +45,24 @@ pub struct Column {
     /// Place among the grid's lines at rest, and what [`Flow::spread`] scales to lines.
     line: f32,
     lines_aside: f32,
+    /// Squared distance from the axis through the place that the needle drags, along the columns.
+    from_drag_m2: f32,
     pub tape: usize,
     pub layers: columns::Range,
+}
+
+/// What the needle drags, seen along the columns.
+struct Dragged {
+    /// Depth of the place that it drags, and of scatterer 0, phantom frame; depth per row of [`Flow::numbers`].
+    depth_m: f32,
+    first_m: f32,
+    m_per_row: f32,
+    per_decay_m: f32,
+    /// How far it drags that place: in rows, and along lines and in elevation beside what rows bring with them.
+    rows: f32,
+    along_m: f32,
+    elevation_m: f32,
+    lines: f32,
 }
 
 /// What all scatterers of a picture share.
@@ -66,6 +82,7 @@ pub struct Flow {
     rows_per_m: [f64; 2],
     along_per_aside: f64,
     elevation_per_aside: f64,
+    dragged: Option<Dragged>,
     /// Rows of the grid that scatterers reach into it from.
     pub rows: [f32; 2],
     /// Of the carrier, from one scatterer at rest to the next.
@@ -213,13 +230,22 @@ impl Points {
                     }
                     let [x_m, y_m] = lattice.column_m(ix, iy);
                     let [down_m, aside_m] = motion.by_place(x_m, y_m);
+                    let from_drag_m2 = motion.drag().map_or(0.0, |drag| {
+                        let centre = drag.centre_in_phantom;
+                        (x_m - centre.x) * (x_m - centre.x) + (y_m - centre.y) * (y_m - centre.y)
+                    });
+                    // The most that the needle drags any of the column.
+                    let [dragged_m, dragged_lines] = flow.dragged.as_ref().map_or([0.0; 2], |dragged| {
+                        let share = exp_minus((from_drag_m2 as f32).sqrt() * dragged.per_decay_m);
+                        [dragged.elevation_m, dragged.lines].map(|most| f64::from((share * most).abs()))
+                    });
                     let (x_m, e_m) = (shear.x.at(ix, iy), shear.e.at(ix, iy));
                     let elevation_aside_m = aside_m * flow.elevation_per_aside;
                     let [low_m, high_m] = [f64::min, f64::max].map(|most| {
                         e_m + most(0.0, deepest_m * shear.elevation_slope)
                             + most(0.0, elevation_aside_m * steepest)
                     });
-                    if low_m > widest_m || high_m < -widest_m {
+                    if low_m - dragged_m > widest_m || high_m + dragged_m < -widest_m {
                         continue;
                     }
                     let line = |aside_m: f64| {
@@ -227,7 +253,9 @@ impl Points {
                         floor((x_m - shear.first_line_m) / shear.line_pitch_m)
                     };
                     let (a, b) = (line(0.0), line(aside_m * steepest));
-                    let (first, last) = (a.min(b).max(0), (a.max(b) + 1).min(shear.lines as i64 - 1));
+                    let dragged_lines = dragged_lines.ceil() as i64;
+                    let first = (a.min(b) - dragged_lines).max(0);
+                    let last = (a.max(b) + 1 + dragged_lines).min(shear.lines as i64 - 1);
                     if first > last {
                         continue;
                     }
@@ -244,6 +272,7 @@ impl Points {
                         line: ((x_m - shear.first_line_m) / shear.line_pitch_m) as f32,
                         lines_aside: (aside_m * flow.along_per_aside / shear.line_pitch_m) as f32,
                         elevation_aside_m: elevation_aside_m as f32,
+                        from_drag_m2: from_drag_m2 as f32,
                         tape: lattice.tape_offset(ix, iy),
                         layers,
                     });
@@ -287,6 +316,20 @@ impl Flow {
             rows_per_m: [down.z / row_step_m, aside.z / row_step_m],
             along_per_aside: aside.x - shear.lateral_slope * aside.z,
             elevation_per_aside: aside.y - shear.elevation_slope * aside.z,
+            dragged: motion.drag().map(|drag| {
+                let by_m = probe_from_phantom * drag.displacement_in_phantom;
+                let along_m = by_m.x - shear.lateral_slope * by_m.z;
+                Dragged {
+                    depth_m: -drag.centre_in_phantom.z as f32,
+                    first_m: (0.5 * lattice.depth_step_m) as f32,
+                    m_per_row: (lattice.depth_step_m / shear.rows_per_scatterer) as f32,
+                    per_decay_m: (1.0 / drag.decay_m) as f32,
+                    rows: (by_m.z / row_step_m) as f32,
+                    along_m: along_m as f32,
+                    elevation_m: (by_m.y - shear.elevation_slope * by_m.z) as f32,
+                    lines: (along_m / shear.line_pitch_m) as f32,
+                }
+            }),
             rows: [-(DELAY_REACH as f32), (shear.rows + DELAY_REACH - 1) as f32],
             turns_per_row: beam.two_k_rad_m * row_step_m * shear.rows_per_scatterer / core::f64::consts::TAU,
             along_per_row: (shear.lateral_slope * row_step_m) as f32,
@@ -314,6 +357,11 @@ impl Flow {
         follow(instructions, self, column, numbers, knots);
     }
 
+    /// Whether tissue between knots may move unlike that at both.
+    pub fn is_dragged(&self) -> bool {
+        self.dragged.is_some()
+    }
+
     /// Where some of its scatterers are.
     pub fn follow_each(
         &self,
@@ -339,12 +387,31 @@ wide! {
         for i in 0..count {
             row[i] = column.top_row + numbers[i] + column.rows_down * sunk[i] + column.rows_aside * spread[i];
         }
+        let Some(dragged) = &flow.dragged else {
+            for i in 0..count {
+                e_m[i] = column.e_m + flow.elevation_per_row * row[i] + column.elevation_aside_m * spread[i];
+            }
+            for i in 0..count {
+                x_m[i] = column.x_m + column.along_aside_m * spread[i] + flow.along_per_row * row[i];
+                line[i] = column.line + column.lines_aside * spread[i];
+            }
+            return;
+        };
+        let &Dragged { depth_m, first_m, m_per_row, per_decay_m, .. } = dragged;
         for i in 0..count {
-            e_m[i] = column.e_m + flow.elevation_per_row * row[i] + column.elevation_aside_m * spread[i];
+            let below_m = first_m + m_per_row * numbers[i] - depth_m;
+            let share = exp_minus((column.from_drag_m2 + below_m * below_m).sqrt() * per_decay_m);
+            row[i] += share * dragged.rows;
+            e_m[i] = share * dragged.elevation_m;
+            x_m[i] = share * dragged.along_m;
+            line[i] = share * dragged.lines;
         }
         for i in 0..count {
-            x_m[i] = column.x_m + column.along_aside_m * spread[i] + flow.along_per_row * row[i];
-            line[i] = column.line + column.lines_aside * spread[i];
+            e_m[i] += column.e_m + flow.elevation_per_row * row[i] + column.elevation_aside_m * spread[i];
+        }
+        for i in 0..count {
+            x_m[i] += column.x_m + column.along_aside_m * spread[i] + flow.along_per_row * row[i];
+            line[i] += column.line + column.lines_aside * spread[i];
         }
     }
 }

@@ -3,7 +3,7 @@
 //! It shares with the fast renderer what defines the scene (beam widths, lattice, tape, needle echoes) and
 //! nothing of how the sum is done. Seconds per picture; for tests.
 
-use sonoloop_types::{Indentation, NeedleSpec, Point, ProbeSpec, Slice, Tissue, Vector};
+use sonoloop_types::{Drag, Indentation, NeedleSpec, Point, ProbeSpec, Slice, Tissue, Vector};
 
 use crate::{
     beam::{Beam, amplitude_from_db, unit_energy_peak},
@@ -102,7 +102,9 @@ pub fn field(
     let places = || (-half[1]..half[1]).flat_map(|iy| (-half[0]..half[0]).map(move |ix| [ix, iy]));
     (-half[1]..half[1]).for_each(|iy| columns.learn(-half[0]..half[0], iy));
     let indentation = slice.indentation.filter(Indentation::is_sound);
-    let motion = indentation.as_ref().map(Motion::new);
+    let drag = slice.drag.filter(Drag::is_sound);
+    let moves = indentation.is_some() || drag.is_some();
+    let motion = moves.then(|| Motion::new(indentation.as_ref(), drag));
     paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());
     paths.build(&beam, slice, &Shaft::new(needle));
     let mut canvas =
@@ -132,7 +134,8 @@ pub fn field(
                     continue;
                 }
                 let rest = Point::new(x_m, y_m, z_m);
-                let moved_m = indentation.map_or(Vector::zeros(), |i| i.displacement_m(rest));
+                let moved_m = indentation.map_or(Vector::zeros(), |i| i.displacement_m(rest))
+                    + drag.map_or(Vector::zeros(), |drag| drag.displacement_m(rest));
                 let p = probe_from_phantom * (rest + moved_m);
                 if p.z < 0.0 || p.z > frame.deepest_m() + REACH * beam.sigma_axial_m {
                     continue;

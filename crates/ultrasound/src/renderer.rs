@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use sonoloop_types::{
-    Image, ImageGeometry, Indentation, NeedlePath, NeedleSpec, Pose, ProbeSpec, Slice, Tissue,
+    Drag, Image, ImageGeometry, Indentation, NeedlePath, NeedleSpec, Pose, ProbeSpec, Slice, Tissue,
 };
 
 use crate::{
@@ -104,6 +104,7 @@ enum Redo {
 struct Pressed {
     phantom_from_probe: Pose,
     indentation: Option<Indentation>,
+    drag: Option<Drag>,
 }
 
 /// What the field depends on.
@@ -119,7 +120,11 @@ struct Scene {
 impl Scene {
     fn of(slice: &Slice) -> Self {
         Self {
-            tissue: Pressed { phantom_from_probe: slice.phantom_from_probe, indentation: slice.indentation },
+            tissue: Pressed {
+                phantom_from_probe: slice.phantom_from_probe,
+                indentation: slice.indentation,
+                drag: slice.drag,
+            },
             needle: slice.needle.clone(),
             needle_gain_db: slice.needle_gain_db,
             element_gap_m: slice.element_gap_m.clone(),
@@ -344,10 +349,12 @@ impl Renderer {
         let instructions = self.instructions;
         let Self { beam, lattice, tape, elevation, columns: tissue, motion, .. } = self;
         let (beam, lattice) = (&*beam, &*lattice);
-        match (slice.indentation.filter(Indentation::is_sound), &mut *motion) {
-            (None, _) => *motion = None,
-            (Some(indentation), Some(motion)) => motion.set(&indentation),
-            (Some(indentation), None) => *motion = Some(Motion::new(&indentation)),
+        let (indentation, drag) =
+            (slice.indentation.filter(Indentation::is_sound), slice.drag.filter(Drag::is_sound));
+        match motion {
+            _ if indentation.is_none() && drag.is_none() => *motion = None,
+            Some(motion) => motion.set(indentation.as_ref(), drag),
+            None => *motion = Some(Motion::new(indentation.as_ref(), drag)),
         }
         let motion = motion.as_ref();
         let shear = Shear::new(

@@ -76,23 +76,34 @@ pub fn add_column(
     runs.clear();
     let last = knots.row.len() - 1;
     let mut from = 0;
+    // Place of the knot `from` among the rows of the warp, where it is known.
+    let mut above = None;
     // Knots whose scatterers go one by one.
     let mut apart = Stretch { from: 0, count: 0 };
     while from < last {
         let mut stretch = Stretch { from, count: LONGEST.min(last - from) };
         if !place.shows(knots, stretch) {
             from += stretch.count;
+            above = None;
             continue;
         }
+        let begin = above.unwrap_or_else(|| place.warp.at(knots.row[from]));
         stretch.count = if stretch.count == LONGEST { LONGEST } else { 1 };
-        let mut ends = place.ends(knots, stretch);
+        let mut ends = place.ends(knots, stretch, begin);
         let mut is_straight = place.is_straight(knots, stretch, &ends);
         while !is_straight && stretch.count > 1 {
             stretch.count /= 2;
-            ends = place.ends(knots, stretch);
+            ends = place.ends(knots, stretch, begin);
+            if stretch.count == 1 && place.flow.is_dragged() {
+                // No knot is in its middle.
+                let middle = from * KNOT + KNOT / 2;
+                place.flow.follow_each(instructions, column, middle..middle + 1, single);
+                ends.bend = place.warp.at(single.row[0]) - 0.5 * (ends.above + ends.below);
+            }
             is_straight = place.is_straight(knots, stretch, &ends);
         }
         from += stretch.count;
+        above = Some(ends.below);
         if stretch.count < LONGEST && !place.shows(knots, stretch) {
             continue;
         }
@@ -149,18 +160,23 @@ impl Place<'_> {
         // Stretched tissue takes more rows than it has scatterers.
         let before = below - (LONGEST * KNOT) as f32;
         let reach_m = flow.widest_below(above).max(flow.widest_below(before));
-        if beside(both(&knots.e_m), reach_m) || beside(both(&knots.x_m), flow.reach_m) {
-            return false;
-        }
-        let (a, b) = both(&knots.line);
         let middle = (first_line + BAND as i32 / 2) as f32;
-        !beside((a - middle, b - middle), BAND as f32 / 2.0 + 1.0)
+        let hidden = |from: usize, to: usize| {
+            let both = |values: &[f32]| (values[from], values[to]);
+            let (a, b) = both(&knots.line);
+            beside(both(&knots.e_m), reach_m)
+                || beside(both(&knots.x_m), flow.reach_m)
+                || beside((a - middle, b - middle), BAND as f32 / 2.0 + 2.0)
+        };
+        // What is dragged may come in between two ends and go out again.
+        let all_hidden = || (from..from + count).all(|knot| hidden(knot, knot + 1));
+        !hidden(from, from + count) || flow.is_dragged() && !all_hidden()
     }
 
     /// Where a stretch's ends lie among the rows of the warp, and its middle off the middle between them.
     #[inline]
-    fn ends(&self, knots: &Knots, Stretch { from, count }: Stretch) -> Ends {
-        let [above, below] = [from, from + count].map(|knot| self.warp.at(knots.row[knot]));
+    fn ends(&self, knots: &Knots, Stretch { from, count }: Stretch, above: f32) -> Ends {
+        let below = self.warp.at(knots.row[from + count]);
         let middle =
             if count > 1 { self.warp.at(knots.row[from + count / 2]) } else { 0.5 * (above + below) };
         Ends { above, below, bend: middle - 0.5 * (above + below) }
@@ -171,12 +187,16 @@ impl Place<'_> {
     fn is_straight(&self, knots: &Knots, Stretch { from, count }: Stretch, ends: &Ends) -> bool {
         let both = |values: &[f32]| (values[from], values[from + count]);
         let (left, right) = both(&knots.line);
-        let (near, far) = both(&knots.e_m);
+        let bend = |values: &[f32]| {
+            let (a, b) = both(values);
+            (values[from + count / 2] - 0.5 * (a + b)).abs()
+        };
         let most = self.drift_rows;
         (ends.below - ends.above - (count * KNOT) as f32).abs() <= most
             && (right - left).abs() <= most * DRIFT_LINES
             && ends.bend.abs() <= most * BEND_ROWS
-            && (count == 1 || (knots.e_m[from + count / 2] - 0.5 * (near + far)).abs() <= most * BEND_M)
+            && (count == 1 || bend(&knots.line) <= most * DRIFT_LINES)
+            && (count == 1 || bend(&knots.e_m) <= most * BEND_M)
     }
 
     /// Rows of the warp that a stretch fills.
@@ -195,7 +215,8 @@ impl Place<'_> {
         let Stretch { from, count } = stretch;
         let both = |values: &[f32]| (values[from], values[from + count]);
         let &Ends { above, below, bend } = ends;
-        let per_warped = 1.0 / (below - above);
+        // A run's rows and its scatterers are as many, but for the drift.
+        let per_warped = 1.0 / (count * KNOT) as f32;
         let at = |(a, b): (f32, f32), row: f32| a + (row - above) * per_warped * (b - a);
         let middle = 0.5 * (lo + hi) as f32;
         let line = at(both(&knots.line), middle);
@@ -212,13 +233,13 @@ impl Place<'_> {
         let (sub_delays, per_row) = (tape.sub_delays as i64, tape.sub_delays as f64);
         let delays = nearest(shift * per_row) + sub_delays / 2;
         // The whole part of delays/sub_delays: exact, as the fraction is never half a row from the middle of one.
-        let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) / per_row);
+        let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) * (1.0 / per_row));
         let sub_delay = delays - row_of_0 * sub_delays;
         let first = lo as i64 - row_of_0;
         // Where the first scatterer really is.
         let past = (shift - row_of_0 as f64) as f32;
         let row_of_first = first as f64 + f64::from(at(shifts, lo as f32 + past));
-        let sample = (column.tape as i64 + first).rem_euclid(TAPE_LENGTH as i64);
+        let sample = (column.tape as i64 + first) & (TAPE_LENGTH as i64 - 1);
         let turns = -flow.turns_per_row * (row_of_first - sample as f64);
         let e_ends = both(&knots.e_m);
         Some(Run {
@@ -252,7 +273,7 @@ impl Place<'_> {
         if stretch.count == 0 {
             return;
         }
-        let [lo, hi] = self.rows(&self.ends(knots, stretch));
+        let [lo, hi] = self.rows(&self.ends(knots, stretch, warp.at(knots.row[stretch.from])));
         // Those beyond the ends reach into these rows as well.
         const BESIDE: usize = DELAY_TAPS;
         let first = (stretch.from * KNOT).saturating_sub(BESIDE);

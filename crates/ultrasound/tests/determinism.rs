@@ -5,7 +5,8 @@ mod common;
 use common::{gel, material, needle, needle_in_probe, pose, press, probe, slice, water};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use sonoloop_types::{
-    Image, ImageGeometry, Indentation, NeedlePath, Pose, Precision, ProbeSpec, Slice, Tissue, Vector,
+    Drag, Image, ImageGeometry, Indentation, NeedlePath, Point, Pose, Precision, ProbeSpec, Slice, Tissue,
+    Vector,
 };
 use sonoloop_ultrasound::{Instructions, Renderer};
 
@@ -33,13 +34,21 @@ fn poses() -> [Pose; 7] {
     ]
 }
 
-/// All of them, some with pressed tissue or without contact on the left.
+/// All of them, some with pressed or dragged tissue or without contact on the left.
 fn scenes(sequence: u64) -> Vec<Slice> {
     let pressed = [pose(0.2, 0.1, -2.0, 5.0, 0.0, 0.0), pose(0.0, 0.5, -6.0, 20.0, -12.0, 15.0)]
         .map(|pose| Slice { indentation: Some(press(&pose, 20e-3, 2e-3)), ..scene(pose, sequence) });
     let mut lifted = scene(pose(0.1, 0.0, 0.0, 0.0, 0.0, 0.0), sequence);
     lifted.element_gap_m[..40].fill(1e-3);
-    poses().map(|pose| scene(pose, sequence)).into_iter().chain(pressed).chain([lifted]).collect()
+    let drag = Drag {
+        centre_in_phantom: Point::new(3e-3, 0.5e-3, -20e-3),
+        displacement_in_phantom: Vector::new(1.5e-3, 0.3e-3, -1.2e-3),
+        decay_m: 5e-3,
+    };
+    let dragged =
+        [&pressed[0], &scene(poses()[1], sequence)].map(|slice| Slice { drag: Some(drag), ..slice.clone() });
+    let at_rest = poses().map(|pose| scene(pose, sequence));
+    at_rest.into_iter().chain(pressed).chain(dragged).chain([lifted]).collect()
 }
 
 #[test]
@@ -105,6 +114,7 @@ fn a_picture_at_rest_is_the_one_drawn_anew() {
         changed[2].element_gap_m[60..90].fill(1e-3);
         let indentation = press(&slice.phantom_from_probe, 20e-3, 1e-3);
         changed[3].indentation = if slice.indentation.is_some() { None } else { Some(indentation) };
+        changed[5].drag = scenes(0).into_iter().find_map(|slice| slice.drag);
         changed[4].phantom_from_probe.translation.vector.x += 1e-4;
         changed[6].element_loss_db = vec![20.0; 100];
         for slice in changed {
@@ -244,6 +254,42 @@ fn no_press_is_too_odd() {
             assert_eq!(render(&mut renderer, &slice).len(), 640 * 480);
             assert!(renderer.field(&slice).values.iter().flatten().all(|v| v.is_finite()), "{indentation:?}");
         }
+    }
+}
+
+#[test]
+fn no_drag_is_too_odd() {
+    let turned = pose(0.0, 0.0, -3.0, 20.0, 10.0, -10.0);
+    let drag = |displacement_in_phantom: Vector, decay_m: f64| Drag {
+        centre_in_phantom: Point::new(2e-3, 0.0, -15e-3),
+        displacement_in_phantom,
+        decay_m,
+    };
+    let mut renderer = Renderer::new(probe(), needle(), gel(), 1);
+    let at_rest = render(&mut renderer, &scene(turned, 0));
+    // Such a drag counts as none.
+    for unsound in [
+        drag(Vector::new(f64::NAN, 0.0, 0.0), 5e-3),
+        drag(Vector::new(5e-3, 0.0, 0.0), 5e-3),
+        drag(Vector::zeros(), 0.0),
+        drag(Vector::zeros(), f64::INFINITY),
+        Drag { centre_in_phantom: Point::new(0.0, f64::NAN, 0.0), ..drag(Vector::zeros(), 5e-3) },
+    ] {
+        assert!(!unsound.is_sound(), "{unsound:?}");
+        let slice = Slice { drag: Some(unsound), ..scene(turned, 0) };
+        assert!(render(&mut renderer, &slice) == at_rest, "{unsound:?} is no drag");
+    }
+    // Nearly folded, next to nowhere, far away, everything.
+    for odd in [
+        drag(Vector::new(0.0, 1e-3, -4e-3), 5e-3),
+        drag(Vector::new(1e-6, 0.0, 0.0), 1e-5),
+        Drag { centre_in_phantom: Point::new(0.0, 5.0, 0.0), ..drag(Vector::new(1e-3, 0.0, 0.0), 5e-3) },
+        drag(Vector::new(0.05, 0.05, 0.05), 0.1),
+    ] {
+        assert!(odd.is_sound(), "{odd:?}");
+        let slice = Slice { drag: Some(odd), ..scene(turned, 0) };
+        assert_eq!(render(&mut renderer, &slice).len(), 640 * 480);
+        assert!(renderer.field(&slice).values.iter().flatten().all(|v| v.is_finite()), "{odd:?}");
     }
 }
 
