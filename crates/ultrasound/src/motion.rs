@@ -17,6 +17,7 @@ const AT_REST: Indentation = Indentation {
     yaw_rad: 0.0,
     half_size_m: [STEP_M; 2],
     depth_m: 0.0,
+    lean: 0.0,
     thickness_m: STEP_M,
 };
 
