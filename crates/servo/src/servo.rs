@@ -15,6 +15,9 @@ const LEAST_CONTACT_N: f64 = 0.2;
 
 /// Share of an image in the smoothed level of the tip.
 const LEVEL_SHARE: f64 = 0.1;
+/// How fast the best level of a tracked tip is forgotten: a tip that has gone deeper or dimmer is the measure after some
+/// seconds.
+const LEVEL_FADING_PER_S: f64 = 5.0;
 /// Standard deviation of what a hand moves the needle in one image beyond what was foreseen; there is no depth then.
 const HAND_WALK_M: f64 = 0.15e-3;
 
@@ -321,8 +324,12 @@ impl Servo {
         let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
 
         if let Some(level) = estimate.tip_level {
-            let smoothed = self.state.tip_level.unwrap_or(level);
-            self.state.tip_level = Some(smoothed + LEVEL_SHARE * (level - smoothed));
+            let before = self.state.tip_level.unwrap_or(level);
+            self.state.tip_level = Some(match self.setup.view {
+                // The best lately: a plane that has drifted to the edge of the slice must not make the edge the measure.
+                View::Lateral => level.max(before - LEVEL_FADING_PER_S * dt_s),
+                View::Transverse => before + LEVEL_SHARE * (level - before),
+            });
         }
         let measured_m = offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m;
         let sigma_m = self.slice_sigma_m(tip_in_probe.z);

@@ -274,7 +274,7 @@ impl Default for ServoSettings {
             lateral_deadband_m: 10e-3,
             slide_gain_per_s: 5.0,
             slide_speed_m_s: 12e-3,
-            elevation_gain_per_s: 2.0,
+            elevation_gain_per_s: 3.0,
             along_gain_per_s: 4.0,
             along_walk_m: 0.03 / 1000.0,
             tip_size_m: 0.35e-3,

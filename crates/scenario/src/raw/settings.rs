@@ -296,7 +296,7 @@ impl Default for RawServo {
             lateral_deadband_mm: 10.0,
             slide_gain: 5.0,
             slide_speed_mm_s: 12.0,
-            elevation_gain: 2.0,
+            elevation_gain: 3.0,
             along_gain: 4.0,
             along_walk_mm: 0.03,
             tip_size_mm: 0.35,
