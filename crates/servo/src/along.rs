@@ -367,8 +367,8 @@ mod tests {
 
     #[test]
     fn after_a_slip_onto_the_shaft_the_plane_goes_to_the_tip() {
-        // Steel on this scanner: 28. A shaft that is hardly dimmer than the tip does not tell: with 14 grey levels, three times
-        // their scatter, the plane stays behind, and the tip is taken for dimmed.
+        // Steel on this scanner: 28. A shaft that is hardly dimmer than the tip does not tell: with 7 grey levels, near their
+        // scatter, the plane stays behind, and the tip is taken for dimmed.
         for contrast in [14.0, 20.0, 28.0, 34.0] {
             let rms_m = follow(contrast, 0.0, 1.5e-3);
             assert!(rms_m < 0.35e-3, "contrast {contrast}: {rms_m}");

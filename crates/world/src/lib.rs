@@ -12,7 +12,7 @@
 //! | `contact`, `punch`, `press` | flat punch on gel, how the tissue gives way, force control along the probe's axis |
 //! | `needle_path`, `needle_feed` | arcs of the tip through the materials; how fast it is fed |
 //! | `needle_force` | faces, friction, bone: force on the needle, tissue that it carries along |
-//! | `hand` | a hand in its place: speed, pauses, sway, reaction to cues |
+//! | `hand`, `sway` | a hand in its place: speed, pauses, reaction to cues; the shaft that it turns in tissue |
 //! | `needle_robot` | joints of the robot that holds the needle |
 //! | `phantom` | which material lies where, for the needle and for the renderer |
 //! | `scene` | rapier bodies: who comes too near to whom |
@@ -46,6 +46,7 @@ mod placement;
 mod press;
 mod punch;
 mod scene;
+mod sway;
 mod timeline;
 mod truth;
 mod world;

@@ -16,6 +16,7 @@ use crate::needle_robot::{NeedleRobot, displaced};
 use crate::phantom::{self, Anatomy};
 use crate::placement;
 use crate::scene::{MARGIN_M, Scene};
+use crate::sway::{self, Sway};
 use crate::truth;
 
 /// Version of the protocol that [`Setup::protocol`] states.
@@ -182,11 +183,15 @@ impl Model {
         Ok((model, arm_at_rest, scene))
     }
 
-    /// Needle as it sways in a hand from needle at rest, phantom frame; nothing in the robot's grip.
-    pub(crate) fn sway(&self, tick: u64, depth_m: f64) -> Pose {
-        self.hand.as_ref().map_or_else(Pose::identity, |hand| {
-            let lever_m = self.scenario.needle.length_m - depth_m;
-            hand.sway(tick, &self.path.point_at(0.0), &self.path.axis_at_entry(), lever_m)
+    /// How a hand has the needle sway; `None` in the robot's grip.
+    pub(crate) fn sway(&self, tick: u64, depth_m: f64) -> Option<Sway> {
+        let hand = self.hand.as_ref()?;
+        let axis = self.path.axis_at_entry();
+        Some(Sway {
+            entry: self.path.point_at(0.0),
+            axis,
+            turn: hand.turn(tick, &axis, self.scenario.needle.length_m - depth_m),
+            reach_m: sway::reach_m(self.scenario.needle.outer_diameter_m),
         })
     }
 

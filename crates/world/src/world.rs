@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Indentation, NeedlePath, Point, Pose,
-    Refusal, Setup, Slice, Tissue, Truth, Vector,
+    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Indentation, Point, Pose, Refusal,
+    Setup, Slice, Tissue, Truth, Vector,
 };
 
 use crate::WorldError;
@@ -226,8 +226,11 @@ impl World {
             sequence,
             phantom_from_probe,
             needle: (state.passage.tip_m > 0.0).then(|| {
-                let sway = model.sway(state.tick, state.passage.tip_m);
-                swaying(model.path.seen_at(state.passage.tip_m), &sway)
+                let rest = model.path.seen_at(state.passage.tip_m);
+                match model.sway(state.tick, state.passage.tip_m) {
+                    Some(sway) => sway.needle(rest),
+                    None => rest,
+                }
             }),
             needle_gain_db: state.timeline.needle_gain_db,
             element_gap_m: self.element_gaps_m(&phantom_from_probe),
@@ -282,6 +285,7 @@ impl World {
         let (state, model) = (&self.state, &*self.model);
         let phantom_from_probe = state.phantom_from_probe();
         let sway = model.sway(state.tick, state.passage.tip_m);
+        let sway = sway.map_or_else(Pose::identity, |sway| sway.at(model.path.point_at(state.passage.tip_m)));
         let probe_from_path = phantom_from_probe.inverse() * sway;
         let sight = truth::sight(&model.scenario, &model.path, &probe_from_path, state.passage.tip_m);
         let tip_in_phantom = sway * sight.tip_on_path;
@@ -315,15 +319,6 @@ impl World {
     /// Joint angles, for pictures of the arm and for tests of its limits.
     pub fn joint_angles_rad(&self) -> [f64; 6] {
         *self.state.arm.angles_rad()
-    }
-}
-
-/// The needle turned about its entry.
-fn swaying(needle: NeedlePath, sway: &Pose) -> NeedlePath {
-    NeedlePath {
-        centreline_in_phantom: needle.centreline_in_phantom.iter().map(|point| sway * point).collect(),
-        axis_in_phantom: sway * needle.axis_in_phantom,
-        bevel_normal_in_phantom: sway * needle.bevel_normal_in_phantom,
     }
 }
 
