@@ -5,6 +5,8 @@ use sonoloop_types::{Acquisition, Command, Estimate, Image, Reason, TrackState};
 /// The rig has moved when needle or probe measure this much farther than with the first of equal pictures: a quarter of
 /// what a needle at 10 mm/s travels between images, and a hundred times what a resting rig measures.
 const MOVED_M: f64 = 0.1e-3;
+/// Half the length of a linear array, about.
+const HALF_ARRAY_M: f64 = 20e-3;
 /// So often a picture may come again: a scanner slower than the images, down to a third of their rate, is alive.
 const REPEATS: u32 = 2;
 
@@ -83,8 +85,10 @@ impl Last {
         let then = &self.acquisition;
         let probe_m =
             (now.base_from_probe.translation.vector - then.base_from_probe.translation.vector).norm();
+        // A turn counts by what it moves at the end of an array.
+        let turn_rad = now.base_from_probe.rotation.angle_to(&then.base_from_probe.rotation);
         let needle_m = now.depth_m.zip(then.depth_m).map_or(0.0, |(now, then)| (now - then).abs());
-        probe_m.max(needle_m) > MOVED_M
+        probe_m.max(needle_m).max(turn_rad * HALF_ARRAY_M) > MOVED_M
     }
 }
 

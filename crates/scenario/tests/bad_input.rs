@@ -226,12 +226,6 @@ fn scenario_cases() -> Vec<Case> {
         ),
         case(
             s,
-            "elevation_mm: 3,",
-            "roll_deg: 31,",
-            &["disturbances.0.probe_knock.roll_deg = 31", "at most 30"],
-        ),
-        case(
-            s,
             KNOCK,
             "breathing: {z_mm: 25, period_s: 4}",
             &["disturbances.0.breathing.z_mm = 25", "at most 20"],

@@ -15,9 +15,6 @@ const LEAST_CONTACT_N: f64 = 0.2;
 
 /// Share of an image in the smoothed level of the tip.
 const LEVEL_SHARE: f64 = 0.1;
-/// How fast the best level of a tracked tip is forgotten: a tip that has gone deeper or dimmer is the measure after some
-/// seconds.
-const LEVEL_FADING_PER_S: f64 = 5.0;
 /// Standard deviation of what a hand moves the needle in one image beyond what was foreseen; there is no depth then.
 const HAND_WALK_M: f64 = 0.15e-3;
 
@@ -172,6 +169,7 @@ impl Servo {
         let held = self.state.held.unwrap_or(acquisition.base_from_probe);
         let lost_tip = self.lost_tip_in_probe();
         let in_contact = self.in_contact(acquisition);
+        let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
         let shaft_below = match self.setup.view {
             View::Lateral => None,
             View::Transverse => self.least_tip_level(),
@@ -198,15 +196,14 @@ impl Servo {
                         candidate,
                         level: estimate.tip_level,
                         in_contact,
+                        arm_obeys: !stands,
                         pressed_hard: acquisition.contact_force_n > settings.max_search_force_n,
                     },
                 );
                 (Some(displaced(&held, search.commanded, &lost_tip)), 0.0)
             }
             // Behind an arm that does not obey the needle waits, and nothing adds up meanwhile.
-            Mode::Follow if matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision) => {
-                (Some(held), 0.0)
-            }
+            Mode::Follow if stands => (Some(held), 0.0),
             Mode::Follow if estimate.state == TrackState::Tracking => {
                 self.follow(acquisition, estimate, held, advanced_m, time_s, dt_s)
             }
@@ -248,14 +245,10 @@ impl Servo {
         self.setup.geometry.probe_from_px(px.unwrap_or_default())
     }
 
-    /// Level that a tip has at least, from that of the tracked one: a slice's edge is dimmer in a lateral picture, the shaft, which
-    /// is far dimmer, in a transverse one, where the plane need not be centred to be believed.
+    /// Transverse: level that a tip has at least, from that of the tracked one. The shaft is far dimmer, while the plane need not
+    /// be centred to be believed.
     fn least_tip_level(&self) -> Option<f64> {
-        let crests = match self.setup.view {
-            View::Lateral => 1.0,
-            View::Transverse => 2.0,
-        };
-        self.state.tip_level.map(|level| level - crests * self.setup.servo.crest_levels)
+        self.state.tip_level.map(|level| level - 2.0 * self.setup.servo.crest_levels)
     }
 
     /// Transverse: carries the held plane along with the tip, whatever else is going on. Returns by how much, metres along y.
@@ -284,7 +277,11 @@ impl Servo {
                     self.state.first_side = if ahead { 1.0 } else { -1.0 };
                 }
                 let first_side = self.state.first_side;
-                let tip_level = self.least_tip_level().map(|least| least + self.setup.servo.crest_levels);
+                let tip_level = match self.setup.view {
+                    // A tip that is seen where it was lost may lie at the slice's edge: its crest is looked for first.
+                    View::Lateral => Some(f64::INFINITY),
+                    View::Transverse => self.state.tip_level,
+                };
                 self.state.mode = Mode::Search(Search::new(
                     &self.setup.servo,
                     time_s,
@@ -293,7 +290,7 @@ impl Servo {
                     after_restart,
                 ));
                 self.state.hold.reset();
-                self.state.hand_m_s = 0.0;
+                (self.state.drift_m_s, self.state.hand_m_s) = (0.0, 0.0);
             }
             Mode::Search(search) if estimate.state == TrackState::Tracking => {
                 let tip = self.lost_tip_in_probe();
@@ -324,12 +321,8 @@ impl Servo {
         let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
 
         if let Some(level) = estimate.tip_level {
-            let before = self.state.tip_level.unwrap_or(level);
-            self.state.tip_level = Some(match self.setup.view {
-                // The best lately: a plane that has drifted to the edge of the slice must not make the edge the measure.
-                View::Lateral => level.max(before - LEVEL_FADING_PER_S * dt_s),
-                View::Transverse => before + LEVEL_SHARE * (level - before),
-            });
+            let smoothed = self.state.tip_level.unwrap_or(level);
+            self.state.tip_level = Some(smoothed + LEVEL_SHARE * (level - smoothed));
         }
         let measured_m = offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m;
         let sigma_m = self.slice_sigma_m(tip_in_probe.z);

@@ -20,9 +20,7 @@ impl Drag {
     pub fn displacement_m(&self, rest: Point) -> Vector {
         self.displacement_in_phantom * libm::exp(-(rest - self.centre_in_phantom).norm() / self.decay_m)
     }
-}
 
-impl Drag {
     /// True when tissue can follow: all numbers finite, ℓ positive, and |u₀| below 0.9·ℓ, so that nothing folds over.
     pub fn is_sound(&self) -> bool {
         const MOST_OF_FOLD: f64 = 0.9;

@@ -109,9 +109,7 @@ impl Indentation {
         let [y, swept_m] = self.crosswise(across_m);
         self.sideways() * (lengthwise_m * swept_m * slope) - Vector::z() * (lengthwise_m * y * f)
     }
-}
 
-impl Indentation {
     /// The point of the resting phantom that is at `now`, for a sound press.
     pub fn rest(&self, now: Point) -> Point {
         // A fixed point; of a sound press each step leaves at most nine tenths of the error.

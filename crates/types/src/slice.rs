@@ -20,7 +20,6 @@ pub struct Slice {
     /// ([`Indentation::is_sound`]). The needle is where its path says, pressed or not.
     pub indentation: Option<Indentation>,
     /// How the needle's tip carries tissue along; `None` when it does not. The needle is where its path says, drag or not.
-    /// Not drawn yet.
     pub drag: Option<Drag>,
     /// Receiver gain on top of the probe's own; a disturbance or the user's knob.
     pub gain_db: f64,

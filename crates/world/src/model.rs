@@ -114,6 +114,11 @@ impl Model {
             max_depth_m,
         );
 
+        if let Some(stop_m) = path.stop_m().filter(|stop_m| *stop_m <= insertion.start_depth_m) {
+            let why = format!("something that no needle enters lies at {:.1} mm already", stop_m * 1e3);
+            return Err(WorldError::Value { key: "insertion.start_depth_mm", why });
+        }
+
         let flange_from_mounted_probe = scenario.arm.flange_from_probe * hidden.nominal_from_true_probe;
         let world_from_probe = placement::world_from_probe_at_start(scenario, &path, &hidden, &contact);
         let angles = placement::angles_at_start(&arm, &world_from_probe, &flange_from_mounted_probe)?;

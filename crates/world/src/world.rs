@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use sonoloop_scenario::{DisturbanceKind, Scenario};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, CommandReceipt, Event, EventKind, Indentation, Point, Pose, Refusal,
-    Setup, Slice, Tissue, Truth, Vector,
+    Acquisition, ArmStatus, Command, CommandReceipt, Drag, Event, EventKind, Indentation, Point, Pose,
+    Refusal, Setup, Slice, Tissue, Truth, Vector,
 };
 
 use crate::WorldError;
@@ -157,10 +157,11 @@ impl World {
         self.state.timeline.images_frozen()
     }
 
-    /// True when the picture `sequence`, taken now, is lost before it is published.
+    /// True when the picture `sequence`, taken now, is lost before it is published. Never the first one, which the operator
+    /// clicks on.
     pub fn drops_image(&self, sequence: u64) -> bool {
         let share = self.state.timeline.dropped_share();
-        share > 0.0 && uniform_for_drop(self.model.scenario.seed, sequence) < share
+        sequence > 0 && share > 0.0 && uniform_for_drop(self.model.scenario.seed, sequence) < share
     }
 
     /// How long ago the image was taken that the command in effect answers; before the first one, since the start.
@@ -236,7 +237,7 @@ impl World {
             element_gap_m: self.element_gaps_m(&phantom_from_probe),
             element_loss_db: self.element_losses_db(),
             indentation: model.contact.indentation(&phantom_from_probe),
-            drag: state.passage.drag(&model.path),
+            drag: self.drag(&phantom_from_probe),
             gain_db: state.timeline.gain_db,
             noise_gain_db: state.timeline.noise_gain_db,
         }
@@ -257,6 +258,20 @@ impl World {
         let (timeline, probe) = (&self.state.timeline, &self.model.scenario.probe);
         let elements = if timeline.any_shadow() { probe.elements } else { 0 };
         (0..elements).map(|element| timeline.loss_db(element_x_m(probe, element)) as f32).collect()
+    }
+
+    /// The tissue that the tip carries along, about the point of the resting phantom that the tip holds, however it is pressed
+    /// and the needle sways; `None` beyond what tissue can follow.
+    fn drag(&self, phantom_from_probe: &Pose) -> Option<Drag> {
+        let (state, model) = (&self.state, &*self.model);
+        let mut drag = state.passage.drag(&model.path)?;
+        if let Some(sway) = model.sway(state.tick, state.passage.tip_m) {
+            drag.centre_in_phantom = sway.at(drag.centre_in_phantom) * drag.centre_in_phantom;
+        }
+        if let Some(press) = model.contact.indentation(phantom_from_probe) {
+            drag.centre_in_phantom = press.rest(drag.centre_in_phantom);
+        }
+        Some(drag).filter(Drag::is_sound)
     }
 
     /// What the rig measures with a picture taken now: noisy joint encoders and the *nominal* mount, noisy depth and
@@ -289,7 +304,7 @@ impl World {
         let probe_from_path = phantom_from_probe.inverse() * sway;
         let sight = truth::sight(&model.scenario, &model.path, &probe_from_path, state.passage.tip_m);
         let tip_in_phantom = sway * sight.tip_on_path;
-        let dragged_m = state.passage.drag(&model.path).map(|drag| drag.displacement_m(model.target_at_rest));
+        let dragged_m = self.drag(&phantom_from_probe).map(|drag| drag.displacement_m(model.target_at_rest));
         let target_in_phantom = pressed(model.contact.indentation(&phantom_from_probe), model.target_at_rest)
             + dragged_m.unwrap_or_default();
         Truth {

@@ -1,4 +1,4 @@
-use sonoloop_scenario::{Bound, Scenario};
+use sonoloop_scenario::{Bound, DisturbanceKind, Scenario};
 use sonoloop_types::{ImageGeometry, TICKS_PER_SECOND};
 
 /// Silent loss that a success allows when the scenario bounds none.
@@ -42,14 +42,19 @@ impl Facts {
     }
 }
 
-/// The contract's: the delay of the command, one image, and the needle robot's deceleration from its fastest feed; with a
+/// The contract's: the longest delay of a command, 40 ms, and the needle robot's deceleration from its fastest feed; with a
 /// hand its slowest reaction and half a second, in which it has long come to rest.
 fn stop_bound_s(scenario: &Scenario) -> f64 {
+    let scripted = scenario.disturbances.iter().filter_map(|disturbance| match disturbance.kind {
+        DisturbanceKind::CommandDelay { command_ticks } => Some(command_ticks),
+        _ => None,
+    });
+    let delay_ticks = scripted.fold(scenario.delays.command_ticks, u64::max);
     if let Some(hand) = scenario.insertion.hand {
-        let ticks = scenario.delays.command_ticks + STOP_TICKS + hand.reaction_ticks[1];
+        let ticks = delay_ticks + STOP_TICKS + hand.reaction_ticks[1];
         return ticks as f64 / TICKS_PER_SECOND as f64 + 0.5;
     }
     let robot = &scenario.needle_robot;
-    let ticks = scenario.delays.command_ticks + STOP_TICKS;
+    let ticks = delay_ticks + STOP_TICKS;
     ticks as f64 / TICKS_PER_SECOND as f64 + robot.max_feed_m_s / robot.max_acceleration_m_s2
 }

@@ -153,6 +153,20 @@ fn truth_travel_waits_for_the_needle_to_stand() {
 }
 
 #[test]
+fn truth_lost_images_do_not_shorten_a_silent_loss() {
+    let mut recording = scripted("vv----------vv", "TTTTTTTTTTTTTT");
+    let whole = metrics(&recording, &facts()).silent_loss_s;
+    close(whole, 0.2);
+    // Every second image never came.
+    let mut keep = false;
+    recording.images.retain(|_| {
+        keep = !keep;
+        keep
+    });
+    assert_eq!(metrics(&recording, &facts()).silent_loss_s, whole);
+}
+
+#[test]
 fn truth_the_stop_is_timed_from_the_declared_loss() {
     let mut recording = scripted("vv------", "TTTLRLLL");
     // Declared with image 3 at tick 120; the needle rolls on to tick 183.

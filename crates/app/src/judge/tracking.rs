@@ -60,15 +60,23 @@ pub(super) fn plane_to_tip_rms_m(images: &[ImageRow]) -> Option<f64> {
     rms(&offsets_m)
 }
 
-/// Seconds of TRACKING while not visible or more than 2 mm off. Every image stands for one image period;
-/// of each unbroken stretch the first 0.2 s are free.
+/// Seconds of TRACKING while not visible or more than 2 mm off. A claim stands until the next image, the last one for an image
+/// period, so that lost images shorten nothing; of each unbroken stretch the first 0.2 s are free.
 pub(super) fn silent_loss_s(images: &[ImageRow], facts: &Facts) -> f64 {
-    let period_s = facts.image_period_ticks as f64 / TICKS_PER_SECOND as f64;
     let is_silent = |row: &ImageRow| row.is_tracking() && is_wrong(row, facts);
+    let mut next = 0;
     images
         .chunk_by(|a, b| is_silent(a) == is_silent(b))
-        .filter(|stretch| is_silent(&stretch[0]))
-        .map(|stretch| (stretch.len() as f64 * period_s - FREE_SILENCE_S).max(0.0))
+        .map(|stretch| {
+            next += stretch.len();
+            let (first, last) = (&stretch[0].acquisition, &stretch[stretch.len() - 1].acquisition);
+            let end_tick = images.get(next).map_or(last.acquisition_tick + facts.image_period_ticks, |row| {
+                row.acquisition.acquisition_tick
+            });
+            (stretch, end_tick - first.acquisition_tick)
+        })
+        .filter(|(stretch, _)| is_silent(&stretch[0]))
+        .map(|(_, ticks)| (ticks as f64 / TICKS_PER_SECOND as f64 - FREE_SILENCE_S).max(0.0))
         // Not `sum`: the empty sum of floats is −0.
         .fold(0.0, |total, silence_s| total + silence_s)
 }

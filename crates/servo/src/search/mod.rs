@@ -104,6 +104,8 @@ pub struct View {
     pub level: Option<f64>,
     /// False while the contact force says that the probe is off the surface.
     pub in_contact: bool,
+    /// False while the arm holds, or stands before a collision.
+    pub arm_obeys: bool,
     /// The contact force is above what a search may press with.
     pub pressed_hard: bool,
 }
@@ -112,7 +114,7 @@ impl Search {
     /// Begins at `time_s`; `first_side` (±1) is the side swept first, from the memory of the last motion.
     ///
     /// A candidate dimmer than `tip_level` by more than the levels of a crest is not confirmed where the plane happens to
-    /// stand: it is the edge of the slice, and its crest is looked for.
+    /// stand: it is the edge of the slice, and its crest is looked for. With an infinite level that goes for all.
     pub fn new(
         settings: &ServoSettings,
         time_s: f64,
@@ -154,8 +156,8 @@ impl Search {
             self.travel_m += (view.measured.elevation_m - last.elevation_m).abs();
         }
         self.last = Some(view.measured);
-        if !view.in_contact {
-            // Nothing can be seen without contact: wait, and do not count the time.
+        if !(view.in_contact && view.arm_obeys) {
+            // Nothing can be seen without contact, nothing searched by an arm that stands: wait, and do not count the time.
             self.began_s += view.dt_s;
             self.look_until_s = self.look_until_s.max(view.time_s + settings.look_s);
             if self.phase == Phase::Sweep {
@@ -324,6 +326,7 @@ mod tests {
                 candidate: seen,
                 level,
                 in_contact: true,
+                arm_obeys: true,
                 pressed_hard: false,
             };
             search.advance(&settings, &view);
@@ -376,6 +379,7 @@ mod tests {
                     candidate: true,
                     level: Some(level),
                     in_contact: true,
+                    arm_obeys: true,
                     pressed_hard: false,
                 };
                 search.advance(&settings, &view);
@@ -383,6 +387,37 @@ mod tests {
             }
             assert_eq!(search.phase == Phase::Sweep, waits);
         }
+    }
+
+    #[test]
+    fn behind_an_arm_that_stands_the_search_waits_and_goes_on_where_it_was() {
+        let settings = settings();
+        let mut search = Search::new(&settings, 0.0, 1.0, None, false);
+        let mut time_s = 0.0;
+        let mut go = |search: &mut Search, arm_obeys: bool, images: u32| {
+            for _ in 0..images {
+                time_s += 0.04;
+                let measured = search.commanded;
+                let view = View {
+                    time_s,
+                    dt_s: 0.04,
+                    measured,
+                    candidate: false,
+                    level: None,
+                    in_contact: true,
+                    arm_obeys,
+                    pressed_hard: false,
+                };
+                search.advance(&settings, &view);
+            }
+        };
+        go(&mut search, true, 20);
+        let before = search.commanded;
+        assert!(before.elevation_m != 0.0);
+        go(&mut search, false, 1000);
+        assert_eq!(search.commanded, before);
+        go(&mut search, true, 20);
+        assert!(search.commanded != before && search.phase != Phase::NotFound);
     }
 
     #[test]
@@ -399,6 +434,7 @@ mod tests {
                 candidate: false,
                 level: None,
                 in_contact: true,
+                arm_obeys: true,
                 pressed_hard: true,
             };
             search.advance(&settings, &view);
@@ -419,6 +455,7 @@ mod tests {
                 candidate: false,
                 level: None,
                 in_contact: false,
+                arm_obeys: true,
                 pressed_hard: false,
             };
             search.advance(&settings, &view);
