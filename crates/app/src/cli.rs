@@ -44,7 +44,7 @@ Every option that is left out has its value from the profile. Not for clinical u
 pub enum Command {
     /// Run a scenario: two processes, progress, metrics, verdict
     Run(RunArgs),
-    /// Run every scenario below the given paths, one line each
+    /// Run every scenario below the given paths: success rates, medians of the metrics, pooled by folder
     Suite(SuiteArgs),
     /// The simulator's half: wait for a tracker started elsewhere, then run
     Sim(SimArgs),
@@ -119,7 +119,7 @@ pub struct SuiteArgs {
     /// Runs at a time
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=256))]
     pub jobs: u16,
-    /// Seeds per scenario, counted from the file's own
+    /// Seeds per scenario, counted from the file's own; rates come with 95 % Wilson intervals
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub seeds: u16,
     /// Override a value in every scenario

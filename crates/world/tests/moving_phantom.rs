@@ -62,7 +62,8 @@ fn force_control_follows_a_breath_with_the_lag_of_a_first_order_loop() {
     let w_tau = std::f64::consts::TAU / 4.0 * 0.15;
     let expected = stiffness * 1.5e-3 * w_tau / (1.0 + w_tau * w_tau).sqrt();
     assert!((is / expected - 1.0).abs() < 0.03, "{is} N, expected {expected} N");
-    // Now and then the arm's planner finds no plan for one control step and brakes, which shows in the damping.
+    // What comes on top: where the planner finds no plan to a moving set point (see `motion`) the arm brakes for one control
+    // step, which shows in the damping.
     let most = settled.iter().map(|t| (t.contact_force_n - set_n).abs()).fold(0.0, f64::max);
     assert!(most < 1.2 * expected, "{most} N");
 }
