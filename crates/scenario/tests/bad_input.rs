@@ -139,8 +139,8 @@ fn scenario_cases() -> Vec<Case> {
         ),
         case(
             s,
-            "randomize:",
-            "servo: {feed_mm_s: 13}\nrandomize:",
+            "  sweep_speed_mm_s: 7",
+            "  feed_mm_s: 13",
             &["servo.feed_mm_s = 13", "limits.max_feed_mm_s = 12"],
         ),
         case(

@@ -287,7 +287,7 @@ impl Default for ServoSettings {
             confirm_s: 0.8,
             crest_levels: 8.0,
             candidate_reach_m: 6e-3,
-            sweep_speed_m_s: 7e-3,
+            sweep_speed_m_s: 5e-3,
             sweep_reach_m: 7e-3,
             yaw_reach_rad: 8.0_f64.to_radians(),
             yaw_speed_rad_s: 10.0_f64.to_radians(),

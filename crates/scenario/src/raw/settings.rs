@@ -309,7 +309,7 @@ impl Default for RawServo {
             confirm_s: 0.8,
             crest_levels: 8.0,
             candidate_reach_mm: 6.0,
-            sweep_speed_mm_s: 7.0,
+            sweep_speed_mm_s: 5.0,
             sweep_reach_mm: 7.0,
             yaw_reach_deg: 8.0,
             yaw_speed_deg_s: 10.0,
