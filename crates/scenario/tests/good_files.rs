@@ -141,10 +141,15 @@ fn a_profile_gives_way_to_single_settings() {
     assert_eq!(recovery(&with_set("servo.elevation_gain=0.8")).servo.elevation_gain_per_s, 0.8);
 }
 
+fn plain(options: &LoadOptions) -> Scenario {
+    load(&common::root().join("scenarios/lateral_plain.yaml"), options)
+        .unwrap_or_else(|e| panic!("{}", e.render()))
+}
+
 #[test]
 fn a_scenario_that_says_nothing_of_its_servo_has_the_defaults() {
-    assert_eq!(recovery(&LoadOptions::default()).servo, ServoSettings::default());
-    let spiral = recovery(&with_set("servo.search=spiral")).servo;
+    assert_eq!(plain(&LoadOptions::default()).servo, ServoSettings::default());
+    let spiral = plain(&with_set("servo.search=spiral")).servo;
     assert_eq!(spiral, ServoSettings { search: SearchPattern::Spiral, ..ServoSettings::default() });
 }
 
