@@ -209,7 +209,7 @@ fn no_press_is_too_odd() {
         yaw_rad: 0.3,
         half_size_m: [20e-3, 6e-3],
         depth_m: 2e-3,
-        lean: 0.03,
+        lean: 0.0,
         thickness_m: 0.06,
     };
     // Such a press counts as none.
@@ -226,6 +226,8 @@ fn no_press_is_too_odd() {
         Indentation { thickness_m: 0.0, ..good },
         Indentation { x_m: f64::NAN, ..good },
         Indentation { yaw_rad: f64::NEG_INFINITY, ..good },
+        Indentation { lean: f64::NAN, ..good },
+        Indentation { lean: 1.0, ..good },
     ];
     let mut renderer = Renderer::new(probe(), needle(), gel(), 1);
     let at_rest = render(&mut renderer, &scene(turned, 0));
@@ -237,6 +239,8 @@ fn no_press_is_too_odd() {
     let odd = [
         good,
         Indentation { depth_m: 0.0, ..good },
+        Indentation { lean: 0.03, ..good },
+        Indentation { depth_m: -1e-3, lean: -0.1, ..good },
         Indentation { depth_m: 17e-3, ..good },
         Indentation { half_size_m: [1e-12, 1e-12], ..good },
         Indentation { half_size_m: [20e-3, 30e-3], depth_m: 15e-3, ..good },
