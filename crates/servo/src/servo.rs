@@ -73,9 +73,9 @@ pub struct ServoState {
     last: Option<Last>,
     first_force_n: f64,
     first_side: f64,
-    /// Level of a tracked tip, smoothed.
+    /// Level of a tracked tip, smoothed (transverse).
     tip_level: Option<f64>,
-    /// Lateral: metres along y by which the needle leaves the plane per second of feed.
+    /// Lateral: pace along y at which the needle leaves the plane while it is fed.
     drift_m_s: f64,
     /// Feed last asked for.
     last_feed_m_s: f64,
@@ -170,10 +170,7 @@ impl Servo {
         let lost_tip = self.lost_tip_in_probe();
         let in_contact = self.in_contact(acquisition);
         let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
-        let shaft_below = match self.setup.view {
-            View::Lateral => None,
-            View::Transverse => self.least_tip_level(),
-        };
+        let shaft_below = self.least_tip_level(2.0);
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
@@ -245,10 +242,10 @@ impl Servo {
         self.setup.geometry.probe_from_px(px.unwrap_or_default())
     }
 
-    /// Transverse: level that a tip has at least, from that of the tracked one. The shaft is far dimmer, while the plane need not
-    /// be centred to be believed.
-    fn least_tip_level(&self) -> Option<f64> {
-        self.state.tip_level.map(|level| level - 2.0 * self.setup.servo.crest_levels)
+    /// Transverse: level of a tip so many crests below the tracked one; one crest off the plane is centred well enough, and two
+    /// off it is still no shaft, which is far dimmer.
+    fn least_tip_level(&self, crests: f64) -> Option<f64> {
+        self.state.tip_level.map(|level| level - crests * self.setup.servo.crest_levels)
     }
 
     /// Transverse: carries the held plane along with the tip, whatever else is going on. Returns by how much, metres along y.
@@ -277,16 +274,16 @@ impl Servo {
                     self.state.first_side = if ahead { 1.0 } else { -1.0 };
                 }
                 let first_side = self.state.first_side;
-                let tip_level = match self.setup.view {
+                let least_level = match self.setup.view {
                     // A tip that is seen where it was lost may lie at the slice's edge: its crest is looked for first.
-                    View::Lateral => Some(f64::INFINITY),
-                    View::Transverse => self.state.tip_level,
+                    View::Lateral => None,
+                    View::Transverse => Some(self.least_tip_level(1.0).unwrap_or(f64::NEG_INFINITY)),
                 };
                 self.state.mode = Mode::Search(Search::new(
                     &self.setup.servo,
                     time_s,
                     first_side,
-                    tip_level,
+                    least_level,
                     after_restart,
                 ));
                 self.state.hold.reset();
@@ -320,10 +317,6 @@ impl Servo {
         let settings = self.setup.servo;
         let tip_in_probe = self.setup.geometry.probe_from_px(tip_px);
 
-        if let Some(level) = estimate.tip_level {
-            let smoothed = self.state.tip_level.unwrap_or(level);
-            self.state.tip_level = Some(smoothed + LEVEL_SHARE * (level - smoothed));
-        }
         let measured_m = offset_from(&held, &acquisition.base_from_probe, &tip_in_probe).elevation_m;
         let sigma_m = self.slice_sigma_m(tip_in_probe.z);
         let dither_m =
@@ -334,6 +327,10 @@ impl Servo {
                 self.hold_plane(estimate, measured_m, sigma_m, time_s, dt_s),
             ),
             View::Transverse => {
+                if let Some(level) = estimate.tip_level {
+                    let smoothed = self.state.tip_level.unwrap_or(level);
+                    self.state.tip_level = Some(smoothed + LEVEL_SHARE * (level - smoothed));
+                }
                 self.state.lead.learn(-measured_m, advanced_m / dt_s);
                 (0.0, self.follow_along(acquisition.depth_m.is_none(), dt_s))
             }

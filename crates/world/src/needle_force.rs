@@ -16,7 +16,7 @@ use crate::needle_path::Path;
 use crate::phantom::Anatomy;
 
 /// Diameter of the needle that the forces in the materials' file are for, 22G; others scale by theirs. Assumed.
-const REFERENCE_DIAMETER_M: f64 = 0.718e-3;
+pub(crate) const REFERENCE_DIAMETER_M: f64 = 0.718e-3;
 /// Hub and shaft against a tip that stands on bone: the needle bows. Assumed.
 const STANDING_STIFFNESS_N_M: f64 = 3e3;
 /// Time constant with which pierced tissue slips back: most of it within one image. Assumed.

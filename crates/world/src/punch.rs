@@ -18,19 +18,13 @@ const LAST_S: f64 = 12.0;
 pub(crate) fn layer_factor(radius_m: f64, thickness_m: f64, poisson: f64) -> f64 {
     let ratio = radius_m / thickness_m;
     let step = LAST_S / STEPS as f64;
-    let s_and_m: Vec<[f64; 2]> = (0..STEPS)
-        .map(|i| {
-            let s = (i as f64 + 0.5) * step;
-            [s, 1.0 - yielding(s, poisson)]
-        })
-        .collect();
-    let place = |i: usize| (i as f64 + 0.5) / PLACES as f64;
-    let equations = DMatrix::from_fn(PLACES, PLACES, |i, j| {
-        let [x, t] = [place(i) * ratio, place(j) * ratio];
-        let kernel: f64 = s_and_m.iter().map(|[s, m]| m * libm::cos(s * x) * libm::cos(s * t)).sum();
-        let share = std::f64::consts::FRAC_2_PI * ratio * kernel * step / PLACES as f64;
-        f64::from(u8::from(i == j)) - share
-    });
+    let s = |k: usize| (k as f64 + 0.5) * step;
+    let place = |i: usize| (i as f64 + 0.5) / PLACES as f64 * ratio;
+    let cosines = DMatrix::from_fn(STEPS, PLACES, |k, i| libm::cos(s(k) * place(i)));
+    let weighted = DMatrix::from_fn(STEPS, PLACES, |k, i| (1.0 - yielding(s(k), poisson)) * cosines[(k, i)]);
+    let kernel = cosines.tr_mul(&weighted);
+    let share = std::f64::consts::FRAC_2_PI * ratio * step / PLACES as f64;
+    let equations = DMatrix::identity(PLACES, PLACES) - kernel * share;
     // M < 1 keeps the equations regular for any layer; one too thin for these places would not be, and is none here.
     equations.lu().solve(&DVector::from_element(PLACES, 1.0)).map_or(1.0, |psi| psi.mean())
 }

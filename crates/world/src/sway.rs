@@ -8,10 +8,10 @@
 use nalgebra::UnitQuaternion;
 use sonoloop_types::{NeedlePath, Point, Pose, Vector};
 
+use crate::needle_force::REFERENCE_DIAMETER_M;
+
 /// ℓ of a needle of [`REFERENCE_DIAMETER_M`].
 const REFERENCE_REACH_M: f64 = 28e-3;
-/// 22G.
-const REFERENCE_DIAMETER_M: f64 = 0.718e-3;
 
 /// How far a turn at the entry reaches, for a needle of this diameter.
 pub(crate) fn reach_m(diameter_m: f64) -> f64 {

@@ -73,9 +73,9 @@ pub struct Search {
     /// Number of the next waypoint.
     leg: usize,
     first_side: f64,
-    /// Level of the tip before it was lost.
-    tip_level: Option<f64>,
-    /// The last candidate was about as bright.
+    /// Level from which a candidate may be confirmed where the tip was lost; `None` when none may.
+    least_level: Option<f64>,
+    /// The last candidate was that bright.
     bright: bool,
     /// Side to which the plane was moved last, along the axis.
     heading: f64,
@@ -113,13 +113,13 @@ pub struct View {
 impl Search {
     /// Begins at `time_s`; `first_side` (±1) is the side swept first, from the memory of the last motion.
     ///
-    /// A candidate dimmer than `tip_level` by more than the levels of a crest is not confirmed where the plane happens to
-    /// stand: it is the edge of the slice, and its crest is looked for. With an infinite level that goes for all.
+    /// A candidate dimmer than `least_level` is not confirmed where the plane happens to stand, and none is without such a
+    /// level: it may be the edge of the slice, and its crest is looked for.
     pub fn new(
         settings: &ServoSettings,
         time_s: f64,
         first_side: f64,
-        tip_level: Option<f64>,
+        least_level: Option<f64>,
         after_restart: bool,
     ) -> Self {
         Self {
@@ -128,8 +128,8 @@ impl Search {
             axis: Axis::Elevation,
             leg: 0,
             first_side,
-            tip_level,
-            bright: tip_level.is_none(),
+            least_level,
+            bright: false,
             heading: first_side,
             look_until_s: time_s + if after_restart { LOOK_AFTER_RESTART_S } else { settings.look_s },
             began_s: time_s,
@@ -168,13 +168,12 @@ impl Search {
         let spent = view.time_s - self.began_s > settings.max_search_s
             || self.travel_m > settings.max_search_travel_m;
         let candidate = view.candidate;
-        self.bright = self.tip_level.is_none_or(|tip_level| {
-            candidate && view.level.is_some_and(|level| level >= tip_level - settings.crest_levels)
-        });
+        self.bright =
+            candidate && self.least_level.is_some_and(|least| view.level.is_some_and(|level| level >= least));
         match self.phase {
             Phase::NotFound => {}
             Phase::Look => {
-                if view.time_s >= self.look_until_s && !(candidate && self.bright) {
+                if view.time_s >= self.look_until_s && !self.bright {
                     self.phase = Phase::Sweep;
                 }
             }
@@ -306,6 +305,20 @@ mod tests {
     use super::*;
     use crate::servo::tests::settings;
 
+    /// A picture at `time_s` without a candidate, with the plane where it was sent and nothing amiss.
+    fn empty(search: &Search, time_s: f64) -> View {
+        View {
+            time_s,
+            dt_s: 0.04,
+            measured: search.commanded,
+            candidate: false,
+            level: None,
+            in_contact: true,
+            arm_obeys: true,
+            pressed_hard: false,
+        }
+    }
+
     /// Runs a search over a tip that is seen within `half_width_m` of `tip_m`; the plane follows its command.
     fn run(tip_m: f64, half_width_m: f64, first_side: f64) -> (Search, f64, f64) {
         let settings = settings();
@@ -318,17 +331,7 @@ mod tests {
             farthest_m = farthest_m.max(search.commanded.elevation_m.abs());
             let seen = e.abs() < half_width_m && search.commanded.yaw_rad.abs() < 1e-3;
             let level = Some(200.0 - 40.0 * (e / half_width_m).powi(2));
-            let measured = search.commanded;
-            let view = View {
-                time_s,
-                dt_s: 0.04,
-                measured,
-                candidate: seen,
-                level,
-                in_contact: true,
-                arm_obeys: true,
-                pressed_hard: false,
-            };
+            let view = View { candidate: seen, level, ..empty(&search, time_s) };
             search.advance(&settings, &view);
             if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
                 break;
@@ -366,22 +369,14 @@ mod tests {
     }
 
     #[test]
-    fn a_candidate_dimmer_than_the_tip_was_is_not_confirmed_where_it_stands() {
+    fn a_candidate_below_its_level_is_not_confirmed_where_it_stands_and_none_is_without_one() {
         let settings = settings();
-        for (level, waits) in [(110.0, true), (125.0, false)] {
-            let mut search = Search::new(&settings, 0.0, 1.0, Some(128.0), false);
+        let cases = [(Some(120.0), 110.0, true), (Some(120.0), 125.0, false), (None, 255.0, true)];
+        for (least_level, level, waits) in cases {
+            let mut search = Search::new(&settings, 0.0, 1.0, least_level, false);
             for k in 1..=10 {
-                let (time_s, measured) = (0.04 * f64::from(k), search.commanded);
-                let view = View {
-                    time_s,
-                    dt_s: 0.04,
-                    measured,
-                    candidate: true,
-                    level: Some(level),
-                    in_contact: true,
-                    arm_obeys: true,
-                    pressed_hard: false,
-                };
+                let candidate = empty(&search, 0.04 * f64::from(k));
+                let view = View { candidate: true, level: Some(level), ..candidate };
                 search.advance(&settings, &view);
                 assert_eq!(search.holds_confirmation(), waits);
             }
@@ -397,17 +392,7 @@ mod tests {
         let mut go = |search: &mut Search, arm_obeys: bool, images: u32| {
             for _ in 0..images {
                 time_s += 0.04;
-                let measured = search.commanded;
-                let view = View {
-                    time_s,
-                    dt_s: 0.04,
-                    measured,
-                    candidate: false,
-                    level: None,
-                    in_contact: true,
-                    arm_obeys,
-                    pressed_hard: false,
-                };
+                let view = View { arm_obeys, ..empty(search, time_s) };
                 search.advance(&settings, &view);
             }
         };
@@ -426,17 +411,7 @@ mod tests {
         let mut search = Search::new(&settings, 0.0, 1.0, None, false);
         let mut farthest_m = 0.0_f64;
         for k in 1..=600 {
-            let (time_s, measured) = (0.04 * f64::from(k), search.commanded);
-            let view = View {
-                time_s,
-                dt_s: 0.04,
-                measured,
-                candidate: false,
-                level: None,
-                in_contact: true,
-                arm_obeys: true,
-                pressed_hard: true,
-            };
+            let view = View { pressed_hard: true, ..empty(&search, 0.04 * f64::from(k)) };
             search.advance(&settings, &view);
             farthest_m = farthest_m.max(search.commanded.elevation_m.abs());
         }
@@ -448,16 +423,7 @@ mod tests {
         let settings = settings();
         let mut search = Search::new(&settings, 0.0, 1.0, None, false);
         for k in 1..200 {
-            let view = View {
-                time_s: 0.04 * f64::from(k),
-                dt_s: 0.04,
-                measured: search.commanded,
-                candidate: false,
-                level: None,
-                in_contact: false,
-                arm_obeys: true,
-                pressed_hard: false,
-            };
+            let view = View { in_contact: false, ..empty(&search, 0.04 * f64::from(k)) };
             search.advance(&settings, &view);
         }
         assert_eq!(search.commanded, Offset::default());
