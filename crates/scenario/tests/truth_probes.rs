@@ -1,5 +1,6 @@
-//! The probes' files against PyMUST's beam. `crates/ultrasound/tests/truth_psf.rs` shows that the renderer draws
-//! the widths a probe's file states; this shows that the file states the right ones.
+//! The probes' files against PyMUST's beam: length of the pulse and width of the beam where the lens is in focus, and the slice at
+//! every depth. `crates/ultrasound/tests/truth_psf.rs` shows that the renderer draws what a file states, and makes of pulse and
+//! beam what PyMUST has at other depths.
 
 mod common;
 
@@ -13,7 +14,7 @@ fn check(file: &str) {
     let band_hz = probe.fractional_bandwidth * probe.centre_frequency_hz;
     let axial_m =
         probe.assumed_sound_speed_m_s * 2.0 * core::f64::consts::LN_2 / core::f64::consts::PI / band_hz;
-    let mut depths = 0;
+    let (mut depths, mut stated) = (0, 0);
     let this_probe = format!("{},", probe.name);
     for line in reference.lines().filter(|line| line.starts_with(&this_probe)) {
         let values: Vec<f64> = line.split(',').skip(1).map(|v| v.parse().unwrap()).collect();
@@ -22,16 +23,18 @@ fn check(file: &str) {
         for (what, (width_m, expected_mm)) in
             ["axial", "lateral", "elevation"].iter().zip(widths_m.iter().zip(&values[1..]))
         {
-            // One pulse does for all depths but the nearest, where PyMUST's is split by the element's edges.
-            if *what == "axial" && depth_mm < 12.0 {
+            let in_focus = (depth_mm * 1e-3 - probe.elevation_focus_m).abs() < 1e-6;
+            if *what != "elevation" && !in_focus {
                 continue;
             }
+            stated += 1;
             let off = width_m * 1e3 / expected_mm - 1.0;
             assert!(off.abs() < 0.15, "{file}: {what} at {depth_mm} mm: {width_m} m for {expected_mm} mm");
         }
         depths += 1;
     }
     assert!(depths >= 9, "{depths} depths");
+    assert_eq!(stated, depths + 2, "the lens's focus is a depth of the reference");
 }
 
 #[test]

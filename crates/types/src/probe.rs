@@ -87,6 +87,8 @@ pub struct ProbeSpec {
     pub transmit_focus_m: Option<f64>,
     /// Length of the elements in elevation.
     pub element_height_m: f64,
+    /// Depth of the lens's focus in elevation. Pulse and lateral beam are stated there.
+    pub elevation_focus_m: f64,
     /// Slice thickness over depth, by ascending depth, at least two entries.
     pub elevation: Vec<ElevationSample>,
     /// Sound speed the scanner assumes to turn time into depth.

@@ -15,8 +15,10 @@ const DELAY_BLOCK: usize = 8;
 const DELAY_STEP_PX: f32 = 1.0 / 16.0;
 /// Fractions of a row at which taps are kept.
 const FRACTIONS: usize = 128;
-/// Rows that a pulse spans at most, at the steepest tilt.
+/// Rows that a pulse spans at most, the longest at the steepest tilt.
 const TAPS: usize = 16;
+/// Lengths of the pulse kept per σ at the focus.
+const LENGTHS: f64 = 64.0;
 /// Rows kept: a pulse, and where materials delay the sound as many as neighbouring lines may lie apart.
 const RING: usize = TAPS;
 const RING_WITH_DELAYS: usize = 64;
@@ -30,9 +32,18 @@ pub struct AxialScratch {
     /// The same in steps.
     steps: Vec<i64>,
     groups: Vec<Group>,
+    /// Distance of the rows that `pulses` are for.
+    row_step_m: f64,
+    /// By length, those that were needed so far.
+    pulses: Vec<Pulse>,
+}
+
+/// A pulse of one length on the rows.
+#[derive(Default)]
+struct Pulse {
     /// Of each fraction of a row that a place lies past its `first_row`.
     taps: Vec<[f32; TAPS]>,
-    /// Taps that the pulse needs, an even number, half of them above the place.
+    /// Taps that it needs, an even number, half of them above the place.
     count: usize,
 }
 
@@ -57,15 +68,20 @@ impl AxialScratch {
         out: &mut [f32],
     ) {
         let BeamFilters { instructions, beam, paths, map, rows, .. } = filters;
-        self.tabulate(beam, map.row_step_m);
+        if self.row_step_m != map.row_step_m {
+            self.row_step_m = map.row_step_m;
+            self.pulses.clear();
+        }
         let rows_kept = if paths.any_delay { RING_WITH_DELAYS } else { RING };
         self.ring.resize(rows_kept * 2 * columns, 0.0);
         self.lateral.reset();
-        let count = self.count as i64;
         let clip = |row: i64| row.clamp(0, *rows as i64) as usize;
         let mut filled = None;
         for (i, out) in out.chunks_exact_mut(2 * columns).enumerate() {
-            self.group(filters, columns, spacing_m, first_row + i);
+            let length = self.tabulate(beam, (first_row + i) as f64 * spacing_m);
+            let Pulse { count, .. } = self.pulses[length];
+            self.group(filters, columns, spacing_m, first_row + i, count);
+            let count = count as i64;
             let lowest = self.groups.iter().map(|group| clip(group.first_row)).min().unwrap_or(0);
             let highest = self.groups.iter().map(|group| clip(group.first_row + count)).max().unwrap_or(0);
             let mut next = filled.unwrap_or(lowest);
@@ -87,7 +103,7 @@ impl AxialScratch {
                 let high = clip(group.first_row + count).max(low);
                 let sources = &kept[low - first_kept..high - first_kept];
                 let skipped = (low as i64 - group.first_row).clamp(0, count) as usize;
-                let taps = &self.taps[group.fraction][skipped..][..high - low];
+                let taps = &self.pulses[length].taps[group.fraction][skipped..][..high - low];
                 let Group { first, end, .. } = *group;
                 weighted_sum(*instructions, taps, sources, first, &mut out_re[first..end]);
                 weighted_sum(*instructions, taps, sources, columns + first, &mut out_im[first..end]);
@@ -99,29 +115,24 @@ impl AxialScratch {
         }
     }
 
-    /// Taps of the pulse for rows so far apart.
-    fn tabulate(&mut self, beam: &Beam, row_step_m: f64) {
-        let peak = unit_energy_peak(beam.sigma_axial_m) as f32;
-        let decay = (0.5 / (beam.sigma_axial_m * beam.sigma_axial_m)) as f32;
-        let reach_m = PROFILE_REACH * beam.sigma_axial_m;
-        self.count = (2 * (reach_m / row_step_m).ceil() as usize).clamp(2, TAPS);
-        self.taps.clear();
-        self.taps.extend((0..FRACTIONS).map(|i| {
-            let place = (self.count / 2 - 1) as f64 + i as f64 / FRACTIONS as f64;
-            core::array::from_fn(|row| {
-                let d_m = (place - row as f64) * row_step_m;
-                let d = d_m as f32;
-                if d_m.abs() <= reach_m { peak * exp_minus(d * d * decay) } else { 0.0 }
-            })
-        }));
+    /// Sees to the pulse of a depth; returns its place in `pulses`.
+    fn tabulate(&mut self, beam: &Beam, depth_m: f64) -> usize {
+        let length = (beam.sigma_axial_at_m(depth_m) / beam.sigma_axial_m * LENGTHS + 0.5) as usize;
+        if self.pulses.len() <= length {
+            self.pulses.resize_with(length + 1, Pulse::default);
+        }
+        if self.pulses[length].taps.is_empty() {
+            self.pulses[length] = Pulse::new(beam.sigma_axial_m * length as f64 / LENGTHS, self.row_step_m);
+        }
+        length
     }
 
     /// Cuts a display row into groups of columns that show one depth.
-    fn group(&mut self, filters: &BeamFilters, columns: usize, spacing_m: f64, row: usize) {
+    fn group(&mut self, filters: &BeamFilters, columns: usize, spacing_m: f64, row: usize, taps: usize) {
         let BeamFilters { paths, map, .. } = filters;
         let shown_m = row as f64 * spacing_m;
         let per_row = FRACTIONS as f64 / map.row_step_m;
-        let above = self.count as i64 / 2 - 1;
+        let above = taps as i64 / 2 - 1;
         let group = |first: usize, end: usize, delay_m: f64| {
             let place = floor((shown_m - delay_m) * per_row + 0.5);
             let fractions = FRACTIONS as i64;
@@ -148,6 +159,24 @@ impl AxialScratch {
             self.groups.push(group(first, end, same[0] as f64 * f64::from(step_m)));
             first = end;
         }
+    }
+}
+
+impl Pulse {
+    fn new(sigma_m: f64, row_step_m: f64) -> Self {
+        let peak = unit_energy_peak(sigma_m) as f32;
+        let decay = (0.5 / (sigma_m * sigma_m)) as f32;
+        let reach_m = PROFILE_REACH * sigma_m;
+        let count = (2 * (reach_m / row_step_m).ceil() as usize).clamp(2, TAPS);
+        let taps = (0..FRACTIONS).map(|i| {
+            let place = (count / 2 - 1) as f64 + i as f64 / FRACTIONS as f64;
+            core::array::from_fn(|row| {
+                let d_m = (place - row as f64) * row_step_m;
+                let d = d_m as f32;
+                if d_m.abs() <= reach_m { peak * exp_minus(d * d * decay) } else { 0.0 }
+            })
+        });
+        Self { taps: taps.collect(), count }
     }
 }
 

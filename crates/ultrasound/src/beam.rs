@@ -4,6 +4,8 @@ use core::f64::consts::PI;
 
 use sonoloop_types::{Precision, ProbeSpec};
 
+use crate::lens::Lens;
+
 /// Full width at half maximum of a Gaussian over its σ, 2·√(2·ln 2).
 const FWHM_PER_SIGMA: f64 = 2.354_820_045;
 /// Step of the table of slice thickness: fine enough to take the nearest entry.
@@ -98,14 +100,16 @@ pub struct Beam {
     pub grain: Grain,
     /// 2k = 4π/λ: phase per metre of depth.
     pub two_k_rad_m: f64,
-    /// σ of the pulse's amplitude along depth.
+    /// σ of the pulse's amplitude along depth, at the lens's focus.
     pub sigma_axial_m: f64,
-    /// σ of the lateral amplitude profile with a full aperture.
+    /// σ of the lateral amplitude profile with a full aperture, at the lens's focus.
     pub sigma_lateral_m: f64,
     /// Half the array's length.
     pub half_aperture_m: f64,
     /// σ of the elevational profile every [`DEPTH_STEP_M`].
     elevation_sigma_m: Vec<f64>,
+    /// What the lens does away from its focus.
+    lens: Lens,
 }
 
 impl Beam {
@@ -123,6 +127,10 @@ impl Beam {
             sigma_axial_m: c / (4.0 * PI * sigma_frequency_hz),
             sigma_lateral_m,
             half_aperture_m: probe.aperture_m() / 2.0,
+            lens: Lens::new(
+                probe,
+                deepest_m.max(f64::from(probe.geometry.height_px) * probe.geometry.spacing_m),
+            ),
             elevation_sigma_m: depths.map(|z_m| probe.slice_thickness_m(z_m) / FWHM_PER_SIGMA).collect(),
         }
     }
@@ -139,6 +147,16 @@ impl Beam {
     pub fn sigma_elevation_m(&self, depth_m: f64) -> f64 {
         let index = (depth_m * (1.0 / DEPTH_STEP_M) + 0.5) as usize;
         self.elevation_sigma_m[index.min(self.elevation_sigma_m.len() - 1)]
+    }
+
+    /// σ of the pulse's amplitude along depth, at a depth.
+    pub fn sigma_axial_at_m(&self, depth_m: f64) -> f64 {
+        self.sigma_axial_m * self.lens.axial(depth_m)
+    }
+
+    /// The longest pulse's σ.
+    pub fn most_sigma_axial_m(&self) -> f64 {
+        self.sigma_axial_m * self.lens.most()[0]
     }
 
     /// Two-way −6 dB thickness of the slice at a depth.
@@ -168,8 +186,8 @@ impl Beam {
         (depth_m / self.probe.f_number).max(MIN_APERTURE_ELEMENTS * self.probe.pitch_m)
     }
 
-    /// How much wider than σ_l the beam is for the line at `x_m`: wanted over available aperture. The array
-    /// ends, so lines near its edge, and deep ones, have less than they want.
+    /// How much wider than σ_l the beam is for the line at `x_m`: out of the lens's focus, and by wanted over available
+    /// aperture. The array ends, so lines near its edge, and deep ones, have less than they want.
     pub fn widening(&self, x_m: f64, depth_m: f64) -> f64 {
         let (wanted, half) = (self.wanted_aperture_m(depth_m), self.half_aperture_m);
         if x_m.abs() + wanted / 2.0 <= half {
@@ -180,21 +198,22 @@ impl Beam {
         cut * self.defocus(depth_m)
     }
 
-    /// How much wider than at its focus the two-way beam is at a depth. Sending and receiving are equally wide where
+    /// How much wider than at its foci the two-way beam is at a depth. Sending and receiving are equally wide where
     /// the aperture is focused, so each is √2 wider than both together. Away from its focus the sent beam is as wide as
     /// the aperture's cone, a uniform width of |z − z_f|/F#; what is received is in focus everywhere.
     fn defocus(&self, depth_m: f64) -> f64 {
-        let Some(focus_m) = self.probe.transmit_focus_m else { return 1.0 };
+        let lens = self.lens.lateral(depth_m);
+        let Some(focus_m) = self.probe.transmit_focus_m else { return lens };
         let one_way_m = core::f64::consts::SQRT_2 * self.sigma_lateral_m;
         let cone_m = (depth_m - focus_m) / self.probe.f_number / 12.0f64.sqrt();
         let sent = 1.0 + (cone_m / one_way_m).powi(2);
-        (2.0 / (1.0 + 1.0 / sent)).sqrt()
+        lens * (2.0 / (1.0 + 1.0 / sent)).sqrt()
     }
 
     /// The most that [`Self::widening`] can be.
     pub fn most_widening(&self, half_width_m: f64, deepest_m: f64) -> f64 {
         let focus = if self.probe.transmit_focus_m.is_some() { core::f64::consts::SQRT_2 } else { 1.0 };
-        self.widening(half_width_m, deepest_m) / self.defocus(deepest_m) * focus
+        self.widening(half_width_m, deepest_m) / self.defocus(deepest_m) * focus * self.lens.most()[1]
     }
 
     /// Factor from a level over speckle, as a needle states it, to the echo's peak at this place.

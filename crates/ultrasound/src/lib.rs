@@ -24,6 +24,7 @@
 //! | file | does |
 //! |---|---|
 //! | `beam` | widths, wavelength, units of amplitude |
+//! | `lens` | how pulse and beam widen out of the lens's focus |
 //! | `lattice`, `columns`, `table` | scatterers of the phantom; materials along a column, cached |
 //! | `tape` | the noise tape, with carrier and sub-row delays of one tilt |
 //! | `shear` | working grid of one pose |
@@ -77,6 +78,7 @@ mod fast;
 mod jobs;
 mod lateral;
 mod lattice;
+mod lens;
 mod march;
 mod motion;
 mod needle;

@@ -249,9 +249,11 @@ impl NeedleEchoes {
         if middle.y.abs() > REACH * sigma_e_m + piece.length_m + radius_m {
             return;
         }
-        let sigma_l_m = beam.sigma_lateral_m * beam.widening(middle.x, middle.z);
-        // Amplitude along the shaft falls as exp(−s²·q/2) from a pixel; its phase turns by 2k·a_z per metre.
-        let q = (a.x / sigma_l_m).powi(2) + (a.y / sigma_e_m).powi(2) + (a.z / beam.sigma_axial_m).powi(2);
+        // Amplitude along the shaft falls as exp(−s²·q/2) from a pixel; its phase turns by 2k·a_z per metre. Taken at the focus
+        // for all of a straight shaft: an echo that began in the midst of it would show its beginning.
+        let q = (a.x / beam.sigma_lateral_m).powi(2)
+            + (a.y / sigma_e_m).powi(2)
+            + (a.z / beam.sigma_axial_m).powi(2);
         let turn = beam.two_k_rad_m * a.z;
         let specular = piece.gain * amplitude_from_db(self.spec.specular_level_db);
         let rough = piece.gain * amplitude_from_db(self.spec.rough_level_db);

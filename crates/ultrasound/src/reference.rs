@@ -32,7 +32,7 @@ impl Canvas<'_> {
     fn add(&mut self, x_m: f64, z_m: f64, [re, im]: [f64; 2], energy: bool) {
         let Frame { geometry, columns, first_x_m, .. } = self.frame;
         let spacing_m = geometry.spacing_m;
-        let sigma_z_m = self.beam.sigma_axial_m;
+        let longest_m = self.beam.most_sigma_axial_m();
         // A bound on σ_l for finding the window; the width itself belongs to the line.
         let width_m = |x_m: f64| {
             self.beam.sigma_lateral_m * self.beam.widening(x_m, z_m) * self.paths.stretch(x_m, z_m)
@@ -66,11 +66,14 @@ impl Canvas<'_> {
                 let (sin, cos) = libm::sincos(-self.beam.two_k_rad_m * late_m);
                 let amplitude = [re * cos - im * sin, re * sin + im * cos];
                 let shown_m = z_m + late_m;
-                top = ((shown_m - REACH * sigma_z_m) / spacing_m).ceil().max(0.0) as usize;
-                let end = ((shown_m + REACH * sigma_z_m) / spacing_m + 1.0).max(0.0) as usize;
+                top = ((shown_m - REACH * longest_m) / spacing_m).ceil().max(0.0) as usize;
+                let end = ((shown_m + REACH * longest_m) / spacing_m + 1.0).max(0.0) as usize;
                 axial.clear();
                 axial.extend((top..self.frame.rows().min(end)).map(|row| {
-                    let d = (row as f64 * spacing_m - shown_m) / sigma_z_m;
+                    // The row's pulse for speckle, as its line's width; an echo's own for the needle.
+                    let row_m = row as f64 * spacing_m;
+                    let sigma_z_m = self.beam.sigma_axial_at_m(if energy { row_m } else { z_m });
+                    let d = (row_m - shown_m) / sigma_z_m;
                     let peak = if energy { unit_energy_peak(sigma_z_m) } else { 1.0 };
                     amplitude.map(|part| part * peak * libm::exp(-0.5 * d * d))
                 }));
@@ -137,7 +140,7 @@ pub fn field(
                 let moved_m = indentation.map_or(Vector::zeros(), |i| i.displacement_m(rest))
                     + drag.map_or(Vector::zeros(), |drag| drag.displacement_m(rest));
                 let p = probe_from_phantom * (rest + moved_m);
-                if p.z < 0.0 || p.z > frame.deepest_m() + REACH * beam.sigma_axial_m {
+                if p.z < 0.0 || p.z > frame.deepest_m() + REACH * beam.most_sigma_axial_m() {
                     continue;
                 }
                 let sigma_e_m = beam.sigma_elevation_m(p.z);

@@ -102,7 +102,7 @@ impl Shear {
         let (t, s) = (round(down.x / down.z), round(down.y / down.z));
         let row_step_m = lattice.depth_step_m / (1.0 + t * t + s * s).sqrt() / rows_per_scatterer;
         let deepest_m = f64::from(geometry.height_px.saturating_sub(1)) * geometry.spacing_m
-            + PROFILE_REACH * beam.sigma_axial_m;
+            + PROFILE_REACH * beam.most_sigma_axial_m();
         let rows = ((deepest_m / row_step_m) as usize + 1).next_multiple_of(STRIDE);
         let line_pitch_m = geometry.spacing_m / beam.grain.lines_per_px as f64;
         let first_line_m = -reach_m - (t * deepest_m).max(0.0) - line_pitch_m;

@@ -95,8 +95,6 @@ wide! {
         stamps.axial.clear();
         stamps.lateral.clear();
         let pixels = |v_m: f64| v_m / layout.spacing_m;
-        let sigma_z = pixels(beam.sigma_axial_m);
-        let decay_z = (0.5 / (sigma_z * sigma_z)) as f32;
         let mut place =
             Place { at_m: [f64::NAN; 2], stretch: 1.0, sigma_x: 0.0, delay_m: 0.0, has_stamp: false };
         for echo in echoes.into_iter().flatten() {
@@ -117,6 +115,8 @@ wide! {
                     has_stamp: false,
                 };
             }
+            let sigma_z = pixels(beam.sigma_axial_at_m(echo.z_m + echo.late_m));
+            let decay_z = (0.5 / (sigma_z * sigma_z)) as f32;
             let row = pixels(echo.z_m + echo.late_m + place.delay_m);
             let [lo, hi] = range(row, reach * sigma_z, layout.rows);
             if lo >= hi {

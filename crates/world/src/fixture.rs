@@ -95,6 +95,7 @@ pub fn probe() -> ProbeSpec {
         f_number: 2.0,
         transmit_focus_m: None,
         element_height_m: 5e-3,
+        elevation_focus_m: 20e-3,
         elevation: table
             .iter()
             .map(|&(depth_m, width_mm)| ElevationSample { depth_m, width_m: width_mm * 1e-3 })

@@ -134,6 +134,7 @@ fn probe(geometry: ImageGeometry) -> ProbeSpec {
         f_number: 2.0,
         transmit_focus_m: None,
         element_height_m: 5e-3,
+        elevation_focus_m: 20e-3,
         elevation: vec![sample(0.0, 4e-3), sample(0.02, 1.5e-3), sample(0.05, 3e-3)],
         assumed_sound_speed_m_s: 1540.0,
         tgc_db_cm_mhz: 0.5,

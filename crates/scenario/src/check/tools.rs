@@ -42,6 +42,7 @@ pub(crate) fn probe(document: &Document) -> Result<ProbeSpec, LoadError> {
         f_number: raw.f_number,
         transmit_focus_m: raw.transmit_focus_mm.map(m),
         element_height_m: m(raw.element_height_mm),
+        elevation_focus_m: m(raw.elevation_focus_mm),
         elevation,
         assumed_sound_speed_m_s: raw.assumed_sound_speed_m_s,
         tgc_db_cm_mhz: raw.tgc_db_cm_mhz,

@@ -32,6 +32,9 @@ pub(crate) struct RawProbe {
     /// Length of the elements in elevation.
     #[garde(range(min = 1.0, max = 30.0))]
     pub element_height_mm: f64,
+    /// Depth at which the lens focuses in elevation; bandwidth and F# are those of the echo there.
+    #[garde(range(min = 5.0, max = 200.0))]
+    pub elevation_focus_mm: f64,
     /// Slice thickness over depth, by ascending depth.
     #[garde(length(min = 2, max = 64), dive)]
     pub elevation: Vec<RawElevation>,

@@ -20,6 +20,7 @@ pub fn probe() -> ProbeSpec {
         f_number: 2.0,
         transmit_focus_m: None,
         element_height_m: 5e-3,
+        elevation_focus_m: 20e-3,
         elevation: elevation
             .iter()
             .map(|&(depth_mm, width_mm)| ElevationSample {
