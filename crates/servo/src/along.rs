@@ -43,8 +43,9 @@ const PEAK_HALF_CELLS: usize = 4;
 const LEAST_CONFIDENCE: f64 = 0.5;
 /// Share of the belief on the other side up to which a plane may set out without a peak to go to.
 const OTHER_SIDE: f64 = 0.05;
-/// What the tip's level may change from image to image, grey levels, standard deviation.
-const LEVEL_WALK: f64 = 0.3;
+/// What the tip's level may change from image to image, grey levels, standard deviation. A tip brightens and dims by two a picture
+/// where beam and pulse change with depth, in front of the lens's focus.
+const LEVEL_WALK: f64 = 0.6;
 
 /// Where the tip is thought to be, in the coordinate of the plane along the probe's y.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -436,11 +436,13 @@ impl Servo {
     /// σ of the elevational beam at a depth, from the −6 dB widths of the set-up.
     fn slice_sigma_m(&self, depth_m: f64) -> f64 {
         let table = &self.setup.slice_thickness_m;
-        let nearest = table
-            .iter()
-            .min_by(|a, b| (a[0] - depth_m).abs().total_cmp(&(b[0] - depth_m).abs()))
-            .map_or(1e-3, |entry| entry[1]);
-        nearest / 2.355
+        let below = table.partition_point(|entry| entry[0] <= depth_m);
+        let thickness_m = match (below.checked_sub(1).and_then(|i| table.get(i)), table.get(below)) {
+            (Some(a), Some(b)) => a[1] + (depth_m - a[0]) / (b[0] - a[0]) * (b[1] - a[1]),
+            (Some(end), None) | (None, Some(end)) => end[1],
+            (None, None) => 1e-3,
+        };
+        thickness_m / 2.355
     }
 }
 

@@ -218,7 +218,8 @@ impl Beam {
 
     /// Factor from a level over speckle, as a needle states it, to the echo's peak at this place.
     pub fn level_scale(&self, x_m: f64, depth_m: f64) -> f64 {
-        (LEVEL_REFERENCE_THICKNESS_M / self.thickness_m(depth_m) / self.widening(x_m, depth_m)).sqrt()
+        let spread = self.widening(x_m, depth_m) * self.lens.axial(depth_m);
+        (LEVEL_REFERENCE_THICKNESS_M / self.thickness_m(depth_m) / spread).sqrt()
     }
 }
 

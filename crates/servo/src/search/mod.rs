@@ -114,7 +114,7 @@ impl Search {
     /// Begins at `time_s`; `first_side` (±1) is the side swept first, from the memory of the last motion.
     ///
     /// A candidate dimmer than `least_level` is not confirmed where the plane happens to stand, and none is without such a
-    /// level: it may be the edge of the slice, and its crest is looked for.
+    /// level: it may be the edge of the slice, and its crest is looked for. A tip that went with the contact is the exception.
     pub fn new(
         settings: &ServoSettings,
         time_s: f64,
@@ -162,6 +162,10 @@ impl Search {
             self.look_until_s = self.look_until_s.max(view.time_s + settings.look_s);
             if self.phase == Phase::Sweep {
                 self.phase = Phase::Look;
+            }
+            if !view.in_contact && self.commanded == Offset::default() {
+                // What went is the contact: back on the surface the plane stands where it stood, and any candidate may be the tip.
+                self.least_level = Some(f64::NEG_INFINITY);
             }
             return;
         }
@@ -416,6 +420,23 @@ mod tests {
             farthest_m = farthest_m.max(search.commanded.elevation_m.abs());
         }
         assert_eq!((search.phase, farthest_m), (Phase::NotFound, 0.0));
+    }
+
+    #[test]
+    fn a_tip_that_went_with_the_contact_is_confirmed_where_it_was() {
+        let settings = settings();
+        // Lifted at once, or after the plane has been on its way.
+        for (searched_images, waits) in [(0, false), (30, true)] {
+            let mut search = Search::new(&settings, 0.0, 1.0, None, false);
+            for k in 1..=60 {
+                let in_contact = k <= searched_images || k > 50;
+                let candidate = k > 50;
+                let level = candidate.then_some(100.0);
+                let view = View { in_contact, candidate, level, ..empty(&search, 0.04 * f64::from(k)) };
+                search.advance(&settings, &view);
+            }
+            assert_eq!(search.holds_confirmation(), waits);
+        }
     }
 
     #[test]
