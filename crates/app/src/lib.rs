@@ -18,6 +18,7 @@ mod garbage;
 pub mod judge;
 pub mod null;
 pub mod output;
+pub mod page;
 pub mod paths;
 pub mod peer;
 pub mod progress;
