@@ -6,7 +6,7 @@
 //! | block | is |
 //! |---|---|
 //! | [`Block::Text`], [`Block::Note`] | a paragraph; a quiet one |
-//! | [`Block::Table`] | rows with an optional verdict mark; a row may point at a moment of the charts |
+//! | [`Block::Table`], [`Block::Tables`] | rows with an optional verdict mark; a row may point at a moment of the charts |
 //! | [`Block::Terms`] | what a word means, or what a number rests on |
 //! | [`Block::Figure`] | a drawing as SVG with its caption |
 //! | [`Block::Strip`] | pictures side by side, marks drawn over them |
@@ -97,6 +97,8 @@ pub enum Block {
     Note(String),
     /// A table.
     Table(Table),
+    /// Tables side by side, where there is room.
+    Tables(Vec<Table>),
     /// Words and what they mean.
     Terms(Vec<(String, String)>),
     /// A drawing: an `<svg>` element, trusted as it is, and its caption.

@@ -230,13 +230,13 @@ function charts(holder) {
     const grid = { stroke: line, width: 1 };
     const limits = panel ? range(panel) : [0, 1];
     const x_axis = { stroke: ink, font, grid, ticks: { show: false }, size: 6, values: () => [] };
-    if (is_last) Object.assign(x_axis, { size: 42, label: data.x_label, labelFont: font, labelSize: 18, values: undefined });
+    if (is_last) Object.assign(x_axis, { size: 24, label: data.x_label, labelFont: font, labelSize: 16, labelGap: 2, values: undefined });
     const series = (panel?.series ?? []).map((s) => ({
       stroke: colour(s.colour), width: 1.5, dash: s.dotted ? [2, 3] : undefined, points: { show: false },
     }));
     return new uPlot({
       width,
-      height: (panel ? 122 : 38) + (is_last ? 36 : 0),
+      height: (panel ? 122 : 38) + (is_last ? 34 : 0),
       padding: [4, 8, 0, panel ? 0 : AXIS_PX],
       legend: { show: false },
       cursor: { y: false, sync: { key, scales: ["x", null] }, points: { size: 6 }, drag: { x: true, y: false, dist: 4 } },
@@ -264,7 +264,7 @@ function charts(holder) {
     now = index;
     places.forEach(({ values }, p) => values.forEach((cell, k) => {
       const value = panels[p].series[k].values[index];
-      if (cell) cell.textContent = value === null ? " –" : ` ${NUMBER.format(value)}`;
+      if (cell) cell.textContent = value === null ? "–" : NUMBER.format(value);
     }));
     show(index);
   }
