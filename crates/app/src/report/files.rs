@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use sonoloop_types::{Event, Reason, TrackState};
 
 use crate::output::{PICTURES, Summary, split};
@@ -120,10 +121,19 @@ impl Files {
     }
 }
 
-/// Reads `summary.json`.
+/// Reads `summary.json`; says so when one that does not fit is of another version.
 pub fn read_summary(folder: &Path) -> Result<Summary, FilesError> {
     let text = read_text(folder, "summary.json")?;
-    serde_json::from_str(&text).map_err(|error| damaged(folder, "summary.json", error))
+    serde_json::from_str(&text).map_err(|error| {
+        let version = serde_json::from_str::<Value>(&text)
+            .ok()
+            .and_then(|json| Some(json["version"].as_str()?.to_owned()));
+        let own = env!("CARGO_PKG_VERSION");
+        let other = version.filter(|version| version != own);
+        let from =
+            other.map_or(String::new(), |other| format!(" (written by sonoloop {other}, read by {own})"));
+        damaged(folder, "summary.json", format_args!("{error}{from}"))
+    })
 }
 
 /// Reads a text file of a folder.
