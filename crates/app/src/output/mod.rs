@@ -125,10 +125,17 @@ pub fn write_outcome_with(
         .pixels
         .as_ref()
         .map(|pixels| Frames::new(&recording.images, pixels, &display, period_ticks));
-    let video = frames.as_ref().map_or(Ok(None), |frames| write_video(&stage, frames))?;
-    if let Some(pixels) = &recording.pixels {
-        write_pictures(&stage.path(PICTURES), pixels, recording.images.len().min(pixels.len()))?;
-    }
+    // Side by side: the video takes long.
+    let (video, pictures) = std::thread::scope(|scope| {
+        let pictures = recording.pixels.as_ref().map(|pixels| {
+            let (path, count) = (stage.path(PICTURES), recording.images.len().min(pixels.len()));
+            scope.spawn(move || write_pictures(&path, pixels, count))
+        });
+        let video = frames.as_ref().map_or(Ok(None), |frames| write_video(&stage, frames));
+        (video, pictures.map_or(Ok(()), |pictures| pictures.join().expect("it does not panic")))
+    });
+    let video = video?;
+    pictures?;
     more(&stage)?;
     stage.write("summary.json", outcome.summary().to_json())?;
     // From the files alone, so that it can be made again from them.

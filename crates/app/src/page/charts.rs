@@ -98,6 +98,8 @@ pub struct Pictures {
     pub size_px: [u32; 2],
     /// What of them is shown: left, top, width, height.
     pub shown_px: [f64; 4],
+    /// Millimetres per unit of `size_px`, for a scale of depth along the left edge; none for no scale.
+    pub spacing_mm: Option<f64>,
     /// Which place of the axis each of `pictures` belongs to, ascending.
     pub places: Vec<usize>,
     /// The pictures.

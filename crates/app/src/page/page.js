@@ -95,6 +95,30 @@ function player(parent, data, moved) {
     return images.get(k);
   }
 
+  /** Depth in millimetres along the left edge, a tick every 5 mm. */
+  function depthScale(context, scale, ratio) {
+    if (pictures.spacing_mm === null) return;
+    const [, top, , height] = pictures.shown_px;
+    context.font = `${11 * ratio}px system-ui, sans-serif`;
+    context.textBaseline = "middle";
+    context.lineWidth = ratio;
+    context.strokeStyle = context.fillStyle = "#b8b8b8";
+    for (let mm = 5; mm / pictures.spacing_mm < top + height; mm += 5) {
+      const y = Math.round((mm / pictures.spacing_mm - top) * scale) + 0.5;
+      const length = (mm % 10 === 0 ? 9 : 5) * ratio;
+      context.beginPath();
+      context.moveTo(0, y);
+      context.lineTo(length, y);
+      context.stroke();
+      if (mm % 10) continue;
+      const text = mm === 10 ? "10 mm" : String(mm);
+      context.fillStyle = "#0009";
+      context.fillRect(length + 2 * ratio, y - 7 * ratio, context.measureText(text).width + 4 * ratio, 14 * ratio);
+      context.fillStyle = "#d0d0d0";
+      context.fillText(text, length + 4 * ratio, y);
+    }
+  }
+
   function draw() {
     const [left, top, width, height] = pictures.shown_px;
     const ratio = window.devicePixelRatio || 1;
@@ -107,6 +131,7 @@ function player(parent, data, moved) {
     if (!image.complete || !image.naturalWidth) return;
     const [kx, ky] = [image.naturalWidth / pictures.size_px[0], image.naturalHeight / pictures.size_px[1]];
     context.drawImage(image, left * kx, top * ky, width * kx, height * ky, 0, 0, canvas.width, canvas.height);
+    depthScale(context, scale, ratio);
     const band = data.bands.find((band) => band.from <= x[now] && x[now] < band.to) ?? data.bands.at(-1);
     const own = band ? data.band_kinds[band.kind].colour : "green";
     pictures.spots.forEach((spot, k) => {
@@ -206,7 +231,7 @@ function charts(holder) {
       if (panel) continue;
       ctx.font = `${12 * ratio}px system-ui, sans-serif`;
       ctx.textBaseline = "top";
-      const text = moment.label.length > 46 ? `${moment.label.slice(0, 45)}…` : moment.label;
+      const text = moment.label.length > 60 ? `${moment.label.slice(0, 59)}…` : moment.label;
       const width = ctx.measureText(text).width;
       const left = clamp(at + 4 * ratio, bbox.left, bbox.left + bbox.width - width);
       if (left < free || at < bbox.left || at > bbox.left + bbox.width) continue;

@@ -22,6 +22,7 @@ fn charts() -> Charts {
         pictures: Some(Pictures {
             size_px: [640, 480],
             shown_px: [120.0, 0.0, 400.0, 480.0],
+            spacing_mm: Some(0.1),
             places: vec![0, 2],
             pictures: vec![Picture::from_jpeg(b"one"), Picture::from_jpeg(b"two")],
             spots: vec![Spot {

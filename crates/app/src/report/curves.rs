@@ -103,7 +103,7 @@ pub(super) fn charts(files: &Files) -> Charts {
             ],
             vec![],
             [-1.5, 1.5],
-            [-10.0, 10.0],
+            [-20.0, 20.0],
         ),
         panel(
             "Contact force, N",

@@ -57,6 +57,7 @@ pub(super) fn player(files: &Files, pictures: &[Vec<u8>]) -> Pictures {
     Pictures {
         size_px: files.summary.setting.image_px,
         shown_px: shown_px(files),
+        spacing_mm: Some(files.summary.setting.spacing_mm),
         pictures: places.iter().map(|&index| Picture::from_jpeg(&pictures[index])).collect(),
         places,
         spots: vec![
