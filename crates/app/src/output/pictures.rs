@@ -18,7 +18,7 @@ pub(crate) const PICTURES: &str = "pictures.mjpeg";
 
 /// Pictures are halved, or divided further, until they are no wider than this.
 const MOST_WIDTH_PX: u32 = 320;
-/// JPEG quality: speckle of 320×240 pixels comes to some 12 kB.
+/// JPEG quality: speckle of 320×240 pixels comes to some 11 kB.
 const QUALITY: u8 = 70;
 
 /// Writes the first `count` pictures.
