@@ -24,10 +24,11 @@ pub(crate) fn goes_on(image: &Image, at_px: [f64; 2], axis_px: [f64; 2]) -> bool
     ahead > LEAST_RIDGE_LEVELS && ahead > SAME_SHAFT * behind
 }
 
-/// Mean grey level along the axis less that of the strips beside it; 0 where nothing lies inside the picture.
+/// Mean grey level along the axis less that of the brighter one of the strips beside it; 0 where nothing lies inside the picture.
+/// Not less their mean: the strip that lies under the shaft is in its shadow, and would make a ridge of plain tissue.
 fn ridge(image: &Image, from_px: [f64; 2], axis_px: [f64; 2]) -> f64 {
     let across = [-axis_px[1], axis_px[0]];
-    let (mut on, mut beside, mut count) = (0.0, 0.0, 0.0);
+    let (mut on, mut beside, mut count) = (0.0, [0.0; 2], 0.0);
     for step in STRETCH_PX[0]..STRETCH_PX[1] {
         for offset in -HALF_WIDTH_PX..=HALF_WIDTH_PX {
             let at = |aside: f64| {
@@ -42,12 +43,12 @@ fn ridge(image: &Image, from_px: [f64; 2], axis_px: [f64; 2]) -> f64 {
             };
             if let (Some(middle), Some(left), Some(right)) = (at(0.0), at(-BESIDE_PX), at(BESIDE_PX)) {
                 on += middle;
-                beside += 0.5 * (left + right);
+                beside = [beside[0] + left, beside[1] + right];
                 count += 1.0;
             }
         }
     }
-    if count > 0.0 { (on - beside) / count } else { 0.0 }
+    if count > 0.0 { (on - beside[0].max(beside[1])) / count } else { 0.0 }
 }
 
 fn level(image: &Image, at_px: [f64; 2]) -> Option<f64> {
@@ -76,6 +77,23 @@ mod tests {
         assert!(!goes_on(&needle(), [100.0, 100.0], axis));
         assert!(goes_on(&needle(), [60.0, 60.0], axis));
         assert!(!goes_on(&needle(), [150.0, 60.0], axis), "off the needle nothing is decided");
+    }
+
+    #[test]
+    fn the_shadow_under_the_shaft_makes_no_ridge_ahead_of_its_tip() {
+        let mut image = needle();
+        for (index, pixel) in image.pixels.iter_mut().enumerate() {
+            let (u, v) = ((index % 200) as i32, (index / 200) as i32);
+            // Below a dim shaft, and beyond its tip, as the beam is wide.
+            if u <= 118 && v > u + 2 {
+                *pixel = 50;
+            } else if *pixel == 160 {
+                *pixel = 105;
+            }
+        }
+        let axis = [std::f64::consts::FRAC_1_SQRT_2; 2];
+        assert!(!goes_on(&image, [100.0, 100.0], axis));
+        assert!(goes_on(&image, [60.0, 60.0], axis));
     }
 
     #[test]

@@ -83,6 +83,8 @@ pub struct Search {
     began_s: f64,
     travel_m: f64,
     crest: Vec<Sample>,
+    /// Levels beside a candidate's own count; no more once a crest was not confirmed.
+    levels_count: bool,
     /// The candidate was brightest where it came into sight, and is followed the other way.
     crest_reversed: bool,
     gap_images: u32,
@@ -100,7 +102,7 @@ pub struct View {
     pub measured: Offset,
     /// A candidate for the tip was seen, near enough to the last believed place.
     pub candidate: bool,
-    /// Its grey level.
+    /// Its grey level, or that of what was likest to the tip.
     pub level: Option<f64>,
     /// False while the contact force says that the probe is off the surface.
     pub in_contact: bool,
@@ -135,6 +137,7 @@ impl Search {
             began_s: time_s,
             travel_m: 0.0,
             crest: Vec::new(),
+            levels_count: true,
             crest_reversed: false,
             gap_images: 0,
             last: None,
@@ -191,7 +194,10 @@ impl Search {
 
     fn sweep(&mut self, settings: &ServoSettings, view: &View, candidate: bool) {
         let at = view.measured.along(self.axis);
-        if candidate {
+        // What grows brighter than the candidate that began a crest belongs to it, though the tracker refuses it for its looks.
+        let brighter = self.levels_count
+            && brightest(&self.crest).is_some_and(|best| view.level.is_some_and(|l| l > best.level));
+        if candidate || brighter {
             self.gap_images = 0;
             self.crest.push(Sample { at, level: view.level.unwrap_or(0.0) });
         } else if !self.crest.is_empty() {
@@ -266,10 +272,12 @@ impl Search {
                 }
             }
             // No confirmation: a decoy, or the crest was misjudged. Go on where the sweep was.
-            Some(since_s) if view.time_s - since_s > settings.confirm_s && !candidate => {
-                self.phase = Phase::Sweep
+            Some(since_s)
+                if view.time_s - since_s > settings.confirm_s * if candidate { 2.0 } else { 1.0 } =>
+            {
+                self.levels_count = false;
+                self.phase = Phase::Sweep;
             }
-            Some(since_s) if view.time_s - since_s > 2.0 * settings.confirm_s => self.phase = Phase::Sweep,
             Some(_) => {}
         }
     }
@@ -354,6 +362,27 @@ mod tests {
                 assert!((at - tip_m).abs() < 0.1e-3 + 1e-9, "tip {tip_m} found at {at}");
                 assert!(!search.holds_confirmation());
             }
+        }
+    }
+
+    #[test]
+    fn a_tip_that_is_refused_at_its_crest_is_centred_all_the_same() {
+        let settings = settings();
+        for refused_within_m in [0.3e-3, 0.4e-3] {
+            let (tip_m, half_width_m) = (2e-3, 0.5e-3);
+            let mut search = Search::new(&settings, 0.0, 1.0, None, false);
+            for k in 1..500 {
+                let e = search.commanded.elevation_m - tip_m;
+                let level = Some(120.0 - 40.0 * (e / half_width_m).powi(2));
+                let candidate = e.abs() < half_width_m && e.abs() > refused_within_m;
+                let view = View { candidate, level, ..empty(&search, 0.04 * f64::from(k)) };
+                search.advance(&settings, &view);
+                if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
+                    break;
+                }
+            }
+            let at = search.commanded.elevation_m;
+            assert!((at - tip_m).abs() < 0.15e-3, "found at {at}");
         }
     }
 
