@@ -109,6 +109,10 @@ fn a_run_is_held_stepped_and_disturbed_by_hand_and_can_be_run_again() {
     assert!(events.contains("refused: the tracker was started elsewhere"), "{events}");
     assert!(events.contains("must be at most 20"), "{events}");
 
+    // The knock is in the scenario now, so it is run again without anybody who asks.
+    let replayed = sonoloop(&["replay", folder.path().to_str().expect("plain path")]);
+    assert_eq!(replayed.code(), 0, "{}{}", replayed.stdout, replayed.stderr);
+
     // The scenario as written holds the knock; run again from where it lies, without an observer, it gives the same
     // bytes.
     let again = folder.path().join("again");

@@ -22,6 +22,7 @@ Examples:
   sonoloop run scenarios/lateral_plain.yaml --seed 7 --set servo.dither_mm=0.2 --json
   sonoloop suite scenarios --seeds 10
   sonoloop render phantoms/gelatin_agar_heterogeneous.yaml --needle-angle-deg 40 --out picture.png
+  sonoloop replay out/recovery
   sonoloop render --gallery out/atlas
   sonoloop track recording.mha --init 238.1,327.6 --out out/track
 
@@ -38,6 +39,22 @@ Examples:
   sonoloop track recording.mha --init localize --tracker baseline --out out/baseline
 
 Every option that is left out has its value from the profile. Not for clinical use.";
+
+const REPORT_EXAMPLES: &str = "\
+Examples:
+  sonoloop run scenarios/lateral_recovery.yaml --out out/recovery
+  sonoloop report out/recovery
+
+Reads summary.json, images.csv, events.csv and scenario.yaml, and the pictures from pictures.mjpeg where it is there.
+Not for clinical use.";
+
+const REPLAY_EXAMPLES: &str = "\
+Examples:
+  sonoloop run scenarios/lateral_recovery.yaml --out out/recovery
+  sonoloop replay out/recovery
+
+Exit codes: 0 all the same, 1 something differs (the first difference is named), 2 no comparison is possible: a file is
+missing or damaged, or the run was paced by the clock, had a tracker of its own or ended early.";
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -57,6 +74,12 @@ pub enum Command {
     Check(CheckArgs),
     /// Show what is in the box: scenarios, robots, probes, needles, phantoms
     List(ListArgs),
+    /// Make report.html of a run again, from the files in its folder alone
+    #[command(after_help = REPORT_EXAMPLES)]
+    Report(FolderArgs),
+    /// Run a recorded run again and compare: every image's hash, estimate and truth, and the events
+    #[command(after_help = REPLAY_EXAMPLES)]
+    Replay(FolderArgs),
     /// Remove shared memory left over by killed runs; live runs are not touched
     Clean,
 }
@@ -230,6 +253,14 @@ pub struct CheckArgs {
     /// Files, or folders that are searched for *.yaml; a file without a schema line is taken for a scenario
     #[arg(required = true)]
     pub paths: Vec<PathBuf>,
+}
+
+/// Arguments of `report` and `replay`.
+#[derive(Debug, Args)]
+pub struct FolderArgs {
+    /// Folder that a run has written with --out
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
 }
 
 /// Arguments of `list`.

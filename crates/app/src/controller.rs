@@ -12,6 +12,7 @@ use sonoloop_types::{Acquisition, Command, Estimate, Image, Init, Method, Reason
 use crate::first_fix::{first_fix, insertion_along};
 use crate::frozen::Frozen;
 use crate::null::Null;
+use crate::peer::TrackerName;
 
 /// How far the operator's click may lie beside the tip: three standard deviations of a careful click.
 const CLICK_RADIUS_PX: f64 = 3.5;
@@ -23,6 +24,21 @@ pub enum ControllerKind {
     Tracker,
     /// A tracker that does not look: see [`Null`].
     Null(Null),
+}
+
+impl ControllerKind {
+    /// The name under which it answers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tracker => TrackerName::OWN,
+            Self::Null(null) => null.name(),
+        }
+    }
+
+    /// The one with this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        if name == TrackerName::OWN { Some(Self::Tracker) } else { Null::from_name(name).map(Self::Null) }
+    }
 }
 
 /// A controller's checkpoint does not fit this set-up.

@@ -1,7 +1,8 @@
 //! The `sonoloop` program: what joins the crates into runs, files and a command line.
 //!
 //! [`session`] is the loop itself; [`peer`] and [`remote`] are the two ways to a tracker; [`controller`] is tracker and
-//! servo joined; [`judge`] turns a recording into metrics and a verdict; [`output`] writes files.
+//! servo joined; [`judge`] turns a recording into metrics and a verdict; [`output`] writes files, [`report`] makes a page of
+//! them in the form that [`page`] gives to all reports, and [`replay`] runs them again.
 
 use std::process::ExitCode;
 
@@ -18,11 +19,14 @@ mod garbage;
 pub mod judge;
 pub mod null;
 pub mod output;
+pub mod page;
 pub mod paths;
 pub mod peer;
 pub mod progress;
 pub mod record;
 pub mod remote;
+pub mod replay;
+pub mod report;
 pub mod say;
 pub mod scenarios;
 pub mod sequence;

@@ -26,6 +26,11 @@ impl Null {
         Self::ALL.iter().find(|(known, _)| *known == name).map(|(_, null)| *null)
     }
 
+    /// The name of this one.
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(_, null)| *null == self).map_or("", |(name, _)| name)
+    }
+
     /// What it says of any picture.
     pub fn estimate(self, setup: &Setup, acquisition: &Acquisition) -> Estimate {
         match self {

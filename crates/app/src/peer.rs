@@ -1,5 +1,6 @@
 //! Whoever answers the pictures, near or far.
 
+use serde::{Deserialize, Serialize};
 use sonoloop_types::{Acquisition, Command, CommandReceipt, EndReason, Image, Refusal, Setup};
 
 use crate::controller::{Controller, ControllerKind, RestoreError};
@@ -42,8 +43,36 @@ impl From<RestoreError> for PeerError {
     }
 }
 
+/// Who answers the pictures.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TrackerName {
+    /// As it calls itself; `none` for nobody.
+    pub name: String,
+    /// Its version.
+    pub version: String,
+}
+
+impl TrackerName {
+    /// Name of this program's own tracker.
+    pub const OWN: &'static str = "sonoloop";
+    /// Name of nobody.
+    pub const NONE: &'static str = "none";
+
+    /// This program's own tracker.
+    pub fn own() -> Self {
+        Self::of_this_version(Self::OWN)
+    }
+
+    /// A tracker that is a part of this program.
+    pub fn of_this_version(name: &str) -> Self {
+        Self { name: name.to_owned(), version: env!("CARGO_PKG_VERSION").to_owned() }
+    }
+}
+
 /// A tracker that a session talks to.
 pub trait Peer {
+    /// Who it is; of a tracker elsewhere, once it was ready.
+    fn name(&self) -> TrackerName;
     /// Hands over the set-up and waits until the tracker is ready.
     fn start(&mut self, setup: &Setup) -> Result<(), PeerError>;
     /// Hands over a picture and waits for its answer; `None` when nobody is there to answer.
@@ -98,6 +127,10 @@ impl InProcess {
 }
 
 impl Peer for InProcess {
+    fn name(&self) -> TrackerName {
+        TrackerName::of_this_version(self.kind.name())
+    }
+
     fn start(&mut self, setup: &Setup) -> Result<(), PeerError> {
         self.setup = Some(setup.clone());
         self.controller = Some(Controller::new(setup.clone(), self.kind));
@@ -137,6 +170,10 @@ impl Peer for InProcess {
 pub struct NoTracker;
 
 impl Peer for NoTracker {
+    fn name(&self) -> TrackerName {
+        TrackerName::of_this_version(TrackerName::NONE)
+    }
+
     fn start(&mut self, _setup: &Setup) -> Result<(), PeerError> {
         Ok(())
     }

@@ -7,7 +7,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use sonoloop_types::{Acquisition, Command, CommandReceipt, EndReason, Image, Setup};
 use sonoloop_wire::{Answer as WireAnswer, Domain, SimEndpoint, Wait, WireError};
 
-use crate::peer::{Answer, Peer, PeerError};
+use crate::peer::{Answer, Peer, PeerError, TrackerName};
 
 /// Longest silence of a tracker, by the clock, before the run ends.
 const SILENCE_S: u64 = 10;
@@ -34,12 +34,14 @@ pub struct Remote {
     endpoint: Option<SimEndpoint>,
     domain: Domain,
     process: TrackerProcess,
+    name: TrackerName,
 }
 
 impl Remote {
     /// Makes the domain; nothing is started yet.
     pub fn create(process: TrackerProcess) -> Result<Self, WireError> {
-        Ok(Self { child: None, endpoint: None, domain: Domain::create()?, process })
+        let name = TrackerName { name: "unknown".into(), version: String::new() };
+        Ok(Self { child: None, endpoint: None, domain: Domain::create()?, process, name })
     }
 
     /// The domain that a tracker joins.
@@ -87,7 +89,10 @@ impl Remote {
         let endpoint = self.endpoint.as_ref().ok_or_else(never_started)?;
         let child = &mut self.child;
         match endpoint.wait_ready(timeout, || is_running(child)).map_err(fault)? {
-            Wait::Got(_) => Ok(()),
+            Wait::Got(hello) => {
+                self.name = TrackerName { name: hello.name, version: hello.version };
+                Ok(())
+            }
             Wait::TimedOut => Err(PeerError::Silent(timeout.as_secs())),
             Wait::Gone => Err(gone(&mut self.child)),
             Wait::Interrupted => Err(PeerError::Interrupted),
@@ -113,6 +118,10 @@ fn gone(child: &mut Option<Child>) -> PeerError {
 }
 
 impl Peer for Remote {
+    fn name(&self) -> TrackerName {
+        self.name.clone()
+    }
+
     fn start(&mut self, setup: &Setup) -> Result<(), PeerError> {
         self.endpoint = Some(SimEndpoint::create(&self.domain, setup).map_err(fault)?);
         self.launch()

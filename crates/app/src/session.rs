@@ -407,6 +407,7 @@ mod tests {
 
     use super::*;
     use crate::judge::test_recording::image_row;
+    use crate::peer::TrackerName;
     use crate::scenarios::prepare;
 
     /// A clock that shows what it is asked for, but stands at `stalls.1` once it has come to `stalls.0`, as when the machine
@@ -429,6 +430,9 @@ mod tests {
     }
 
     impl Peer for Late {
+        fn name(&self) -> TrackerName {
+            TrackerName::own()
+        }
         fn start(&mut self, _setup: &Setup) -> Result<(), PeerError> {
             Ok(())
         }

@@ -5,6 +5,8 @@ mod clean;
 mod gallery;
 mod list;
 mod render;
+mod replay;
+mod report;
 mod run;
 mod sim;
 mod suite;
@@ -26,6 +28,8 @@ pub fn dispatch(command: Command) -> Result<Outcome, AppError> {
         Command::Render(args) => render::render(&args),
         Command::Check(args) => check::check(&args),
         Command::List(args) => list::list(&args),
+        Command::Report(args) => report::report(&args),
+        Command::Replay(args) => replay::replay(&args),
         Command::Clean => clean::clean(),
     }
 }

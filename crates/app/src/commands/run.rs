@@ -52,13 +52,12 @@ pub fn execute_in_process(
         return Err(AppError::fault(error));
     }
     let (metrics, judged) = judge(scenario, &recording);
-    let Scenario { name, seed, .. } = scenario;
-    let summary = Summary::new(name, *seed, VERSION, &metrics, &judged, &recording);
+    let summary = Summary::new(scenario, &peer.name(), VERSION, &metrics, &judged, &recording);
     Ok(Finished { summary, events: recording.events })
 }
 
 /// Version of the program.
-const VERSION: &str = env!("CARGO_PKG_VERSION");
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Every message of a run carries its id, so that a stray one is told from its own. It never reaches the run's state.
 pub fn run_id() -> u64 {
@@ -125,6 +124,7 @@ pub fn finish(
     let mut watchers = Watchers { progress: Progress::new(scenario), steering };
     let (recording, error) = session.run(run_id, peer.as_mut(), &mut watchers, pixels);
     watchers.progress.finish();
+    let tracker = peer.name();
     // Shared memory is gone before files are written: a full disk must not leave it behind.
     drop((peer, watchers));
     let scenario = recording.disturbed.as_ref().unwrap_or(scenario);
@@ -134,6 +134,7 @@ pub fn finish(
         recording: &recording,
         metrics: &metrics,
         judged: &judged,
+        tracker: &tracker,
         version: VERSION,
     };
     if let Some(folder) = &args.out {

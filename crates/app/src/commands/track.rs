@@ -53,7 +53,7 @@ fn attached(domain: &Domain, kind: ControllerKind) -> Result<(), Box<dyn std::er
         Some(bytes) => Controller::restore(setup, kind, bytes)?,
         None => Controller::new(setup, kind),
     };
-    endpoint.announce("sonoloop", env!("CARGO_PKG_VERSION"))?;
+    endpoint.announce(kind.name(), env!("CARGO_PKG_VERSION"))?;
     loop {
         match endpoint.next_image(&mut image, WAIT)? {
             Next::Image(acquisition) => {

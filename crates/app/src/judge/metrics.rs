@@ -1,4 +1,4 @@
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sonoloop_types::EndReason;
 
 use super::Facts;
@@ -13,7 +13,7 @@ use crate::record::Recording;
 /// *Visible*: the tip lies within half the −6 dB slice thickness at its depth, inside the picture, and the
 /// aperture above it is in contact (0.71 of it, −6 dB two-way). *Wrong*: not visible, or more than 2 mm off in the picture. An image is compared
 /// with the truth at its own acquisition tick; an image without an answer is not TRACKING.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
     /// Number of images.
     pub images: u64,
@@ -65,15 +65,15 @@ pub struct Metrics {
 }
 
 /// Value of one metric.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Value {
     /// `success`.
     Truth(bool),
+    /// A count; before the numbers, so that one read from a file stays one.
+    Count(u64),
     /// Any other metric.
     Number(f64),
-    /// A count.
-    Count(u64),
 }
 
 impl Metrics {

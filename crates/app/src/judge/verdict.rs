@@ -1,10 +1,10 @@
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sonoloop_scenario::{Bound, Expectation};
 
 use super::{Metrics, Value};
 
 /// One expectation, held against the run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Judged {
     /// Name of the metric.
     pub metric: String,

@@ -3,27 +3,25 @@
 use std::fmt::Write;
 
 use serde::Serialize;
-use sonoloop_types::{Event, TICKS_PER_SECOND};
+use sonoloop_types::{Event, ProbeSpec, TICKS_PER_SECOND};
 
 use crate::record::ImageRow;
 
-const IMAGE_COLUMNS: &str = "sequence,tick,publication_tick,image_hash,tip_u_px,tip_v_px,visible,\
+pub(crate) const IMAGE_COLUMNS: &str = "sequence,tick,publication_tick,image_hash,tip_u_px,tip_v_px,visible,\
     plane_offset_mm,estimate_u_px,estimate_v_px,state,reason,ncc_previous,ncc_anchor,brightness_ratio,\
     tip_level,iterations,conditioning,depth_mm,feed_mm_s,feed_command_mm_s,force_n,needle_force_n,arm_status,\
-    target_x_mm,target_y_mm,target_z_mm,target_qx,target_qy,target_qz,target_qw,command_age_ms";
+    target_x_mm,target_y_mm,target_z_mm,target_qx,target_qy,target_qz,target_qw,command_age_ms,half_slice_mm";
 
 /// One row per image. `tip_*` is the true reference point, `depth`, `feed` and both forces are true values, the target is
-/// `target_base_from_probe`, `command_age` that of the image which the command in effect answers; a field without a value is
-/// empty. Equal runs give equal bytes.
-pub fn images_csv(images: &[ImageRow]) -> String {
-    let mut csv = format!("{IMAGE_COLUMNS}\n");
-    for row in images {
-        image_line(&mut csv, row);
-    }
-    csv
+/// `target_base_from_probe`, `command_age` that of the image which the command in effect answers, `half_slice` half the slice
+/// thickness at the tip's depth, within which the tip shows; a field without a value is empty. Equal runs give equal bytes.
+pub fn images_csv(images: &[ImageRow], probe: &ProbeSpec) -> String {
+    let lines = images.iter().map(|row| image_line(row, probe));
+    std::iter::once(IMAGE_COLUMNS.to_owned()).chain(lines).map(|line| line + "\n").collect()
 }
 
-fn image_line(csv: &mut String, row: &ImageRow) {
+/// One row of `images.csv`, without a line break.
+pub(crate) fn image_line(row: &ImageRow, probe: &ProbeSpec) -> String {
     let (acquisition, truth) = (&row.acquisition, &row.truth);
     let estimate = row.command.map(|command| command.estimate);
     let tip_px = estimate.and_then(|estimate| estimate.tip_px);
@@ -58,8 +56,8 @@ fn image_line(csv: &mut String, row: &ImageRow) {
     fields.extend((0..3).map(|axis| number(target.map(|pose| pose.translation.vector[axis] * 1e3))));
     fields.extend((0..4).map(|axis| number_nine(quaternion.map(|quaternion| quaternion[axis]))));
     fields.push((row.command_age_ticks * 1000 / TICKS_PER_SECOND).to_string());
-    csv.push_str(&fields.join(","));
-    csv.push('\n');
+    fields.push(number(Some(probe.slice_thickness_m(truth.tip_in_probe.z) * 0.5e3)));
+    fields.join(",")
 }
 
 /// One row per event: tick, time, kind, and the sentence in quotes.
@@ -101,10 +99,16 @@ pub(crate) fn snake(variant: &impl Serialize) -> String {
 
 #[cfg(test)]
 mod tests {
-    use sonoloop_types::{EventKind, Pose, TrackState};
+    use sonoloop_types::{EventKind, ImageGeometry, Pose, TrackState};
 
     use super::*;
     use crate::judge::test_recording::image_row;
+    use crate::output::test_run::scenario;
+
+    /// Its slice is 4 mm thick at the face, 1.5 mm at 20 mm depth.
+    fn probe() -> ProbeSpec {
+        scenario(ImageGeometry::default()).probe
+    }
 
     #[test]
     fn every_line_has_every_column() {
@@ -114,7 +118,7 @@ mod tests {
             image_row(2, true, None, 1.0),
         ];
         rows[0].command.as_mut().unwrap().target_base_from_probe = Some(Pose::translation(0.1, -0.2, 0.3));
-        let csv = images_csv(&rows);
+        let csv = images_csv(&rows, &probe());
         let columns = IMAGE_COLUMNS.split(',').count();
         for line in csv.lines() {
             assert_eq!(line.split(',').count(), columns, "{line}");
@@ -129,15 +133,16 @@ mod tests {
         row.hash = 0xabc;
         row.truth.plane_to_tip_m = -1e-12;
         row.truth.depth_m = 0.0123456789;
+        row.truth.tip_in_probe.z = 0.02;
         let command = row.command.as_mut().unwrap();
         command.estimate.ncc_previous = Some(0.75);
         command.target_base_from_probe = Some(Pose::translation(0.1, -0.2, 0.3));
         command.feed_m_s = 0.01;
         let expected = "2,80,80,0000000000000abc,100.000000,200.000000,1,0.000000,103.000000,204.000000,\
             tracking,ok,0.750000,,,,0,,12.345679,0.000000,10.000000,5.000000,0.500000,ready,100.000000,-200.000000,\
-            300.000000,0.000000,0.000000,0.000000,1.000000000,40"
+            300.000000,0.000000,0.000000,0.000000,1.000000000,40,0.750000"
             .replace("0.000000,0.000000,0.000000,1.", "0.000000000,0.000000000,0.000000000,1.");
-        assert_eq!(images_csv(&[row]).lines().nth(1), Some(expected.as_str()));
+        assert_eq!(images_csv(&[row], &probe()).lines().nth(1), Some(expected.as_str()));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::report::ReportError;
 use crate::sequence::SequenceError;
 
 /// Why the files of a run could not be written.
@@ -20,7 +21,10 @@ pub enum OutputError {
     /// The animated picture could not be encoded.
     #[error("cannot encode the animated picture: {0}")]
     Animation(#[from] gif::EncodingError),
-    /// A picture of the report could not be encoded.
+    /// The report could not be made from the files written so far.
+    #[error("cannot make the report: {0}")]
+    Report(#[source] ReportError),
+    /// A picture could not be encoded.
     #[error("cannot encode a picture: {0}")]
     Picture(#[from] image::ImageError),
     /// The recorded sequence could not be written.

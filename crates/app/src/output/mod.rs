@@ -7,13 +7,13 @@ mod colour;
 mod csv;
 mod error;
 mod junit;
-mod keys;
 mod overlay;
+mod pictures;
 mod plot;
 mod png;
 mod rates;
-mod report;
 mod sequence;
+mod setting;
 mod stage;
 mod strip;
 mod summary;
@@ -27,22 +27,25 @@ mod video;
 mod wilson;
 
 pub(crate) use animation::write_gif;
-pub(crate) use csv::snake;
+pub(crate) use csv::{IMAGE_COLUMNS, image_line, snake};
 pub use csv::{events_csv, images_csv};
 pub use error::OutputError;
 pub(crate) use junit::escape_xml;
 pub use junit::{Case, CaseResult, junit_xml};
 pub use overlay::{Display, Scale};
+pub(crate) use pictures::{PICTURES, split};
 pub(crate) use png::rgb_png;
 pub use png::write_png;
 pub use rates::{GroupRates, Rate, Rates, Run, ScenarioRates, Spread};
 pub use sequence::write_sequence;
+pub use setting::Setting;
 pub use stage::Stage;
 pub(crate) use strip::strip;
-pub use summary::{Summary, TimingSummary};
+pub use summary::{Summary, TimingSummary, Verdict};
 pub use table::{bound_text, failure_text, metrics_table, value_text, verdict_text};
 pub(crate) use tracked::Tracked;
 pub use video::VideoKind;
+pub(crate) use video::{GIF, MP4};
 pub use wilson::wilson;
 
 use std::path::Path;
@@ -50,10 +53,12 @@ use std::path::Path;
 use sonoloop_scenario::Scenario;
 
 use crate::judge::{Judged, Metrics};
+use crate::peer::TrackerName;
 use crate::record::Recording;
-use report::report_html;
+use crate::report::{self, REPORT};
+use pictures::write_pictures;
 use sequence::SEQUENCE;
-use video::{Frames, GIF, MP4, write_video};
+use video::{Frames, write_video};
 
 /// A run and its verdict, ready to be written.
 #[derive(Debug, Clone, Copy)]
@@ -66,19 +71,22 @@ pub struct Outcome<'a> {
     pub metrics: &'a Metrics,
     /// Against what was expected.
     pub judged: &'a [Judged],
+    /// Who answered the images.
+    pub tracker: &'a TrackerName,
     /// Version of the program.
     pub version: &'a str,
 }
 
 /// Every name that [`write_outcome`] may use; an older run's files of these names do not survive it.
 /// `sequence.mha` is the caller's: see [`write_outcome_with`] and [`write_sequence`].
-const NAMES: [&str; 9] = [
+const NAMES: [&str; 10] = [
+    PICTURES,
     "images.csv",
     "events.csv",
     "scenario.yaml",
     "tracking.svg",
     "insertion.svg",
-    "report.html",
+    REPORT,
     SEQUENCE,
     MP4,
     GIF,
@@ -87,8 +95,7 @@ const NAMES: [&str; 9] = [
 impl Outcome<'_> {
     /// `summary.json`'s content.
     pub fn summary(&self) -> Summary {
-        let Scenario { name, seed, .. } = self.scenario;
-        Summary::new(name, *seed, self.version, self.metrics, self.judged, self.recording)
+        Summary::new(self.scenario, self.tracker, self.version, self.metrics, self.judged, self.recording)
     }
 }
 
@@ -106,13 +113,11 @@ pub fn write_outcome_with(
 ) -> Result<Option<VideoKind>, OutputError> {
     let Outcome { scenario, recording, version, .. } = *outcome;
     let stage = Stage::new(folder)?;
-    stage.write("images.csv", images_csv(&recording.images))?;
+    stage.write("images.csv", images_csv(&recording.images, &scenario.probe))?;
     stage.write("events.csv", events_csv(&recording.events))?;
     stage.write("scenario.yaml", resolved_yaml(scenario, folder, version))?;
-    let tracking_svg = charts::tracking_svg(scenario, recording);
-    let insertion_svg = charts::insertion_svg(scenario, recording);
-    stage.write("tracking.svg", &tracking_svg)?;
-    stage.write("insertion.svg", &insertion_svg)?;
+    stage.write("tracking.svg", charts::tracking_svg(scenario, recording))?;
+    stage.write("insertion.svg", charts::insertion_svg(scenario, recording))?;
 
     let display = Display::new(scenario, recording);
     let period_ticks = scenario.image_period_ticks;
@@ -120,11 +125,22 @@ pub fn write_outcome_with(
         .pixels
         .as_ref()
         .map(|pixels| Frames::new(&recording.images, pixels, &display, period_ticks));
-    let video = frames.as_ref().map_or(Ok(None), |frames| write_video(&stage, frames))?;
-    let plots = [tracking_svg.as_str(), insertion_svg.as_str()];
-    stage.write("report.html", report_html(outcome, frames.as_ref(), &plots, video.as_ref())?)?;
+    // Side by side: the video takes long.
+    let (video, pictures) = std::thread::scope(|scope| {
+        let pictures = recording.pixels.as_ref().map(|pixels| {
+            let (path, count) = (stage.path(PICTURES), recording.images.len().min(pixels.len()));
+            scope.spawn(move || write_pictures(&path, pixels, count))
+        });
+        let video = frames.as_ref().map_or(Ok(None), |frames| write_video(&stage, frames));
+        (video, pictures.map_or(Ok(()), |pictures| pictures.join().expect("it does not panic")))
+    });
+    let video = video?;
+    pictures?;
     more(&stage)?;
     stage.write("summary.json", outcome.summary().to_json())?;
+    // From the files alone, so that it can be made again from them.
+    let page = report::page(&stage.path("")).map_err(OutputError::Report)?;
+    stage.write(REPORT, page)?;
     stage.publish(&NAMES)?;
     Ok(video)
 }

@@ -73,6 +73,15 @@ impl Place {
     }
 }
 
+/// First column of the pictures that the aperture reaches, a multiple of four, and the first beyond it; the rest is black.
+pub(super) fn aperture_columns_px(probe: &ProbeSpec) -> [u32; 2] {
+    let geometry = &probe.geometry;
+    let half_px = probe.aperture_m() / geometry.spacing_m / 2.0 + 8.0;
+    let centre_px = geometry.centre_column_px();
+    let first = ((centre_px - half_px).floor().max(0.0) as u32) / 4 * 4;
+    [first, (centre_px + half_px).ceil().min(f64::from(geometry.width_px)) as u32]
+}
+
 impl Display {
     /// The display of one run.
     pub fn new(scenario: &Scenario, recording: &Recording) -> Self {
@@ -123,10 +132,7 @@ impl Display {
 
     fn place(&self, scale: Scale) -> Place {
         let geometry = self.geometry();
-        let half_px = self.probe.aperture_m() / geometry.spacing_m / 2.0 + 8.0;
-        let centre_px = geometry.centre_column_px();
-        let first = ((centre_px - half_px).floor().max(0.0) as i32) / 4 * 4;
-        let last = (centre_px + half_px).ceil().min(f64::from(geometry.width_px)) as i32;
+        let [first, last] = aperture_columns_px(&self.probe).map(|column| column as i32);
         let divisor = scale.divisor();
         let even = |length: i32| (length / divisor + 1) / 2 * 2;
         let (width, height) = (even(last - first), even(geometry.height_px as i32));

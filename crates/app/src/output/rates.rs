@@ -183,9 +183,13 @@ fn spread(runs: &[Run<'_>], name: &str, low_is_worse: bool) -> Option<Spread> {
 
 #[cfg(test)]
 mod tests {
+    use sonoloop_types::ImageGeometry;
+
     use super::*;
     use crate::judge::test_recording::{facts, scripted};
     use crate::judge::{metrics, verdict};
+    use crate::output::test_run::scenario;
+    use crate::peer::TrackerName;
 
     /// A run of so many images, all visible, the last ones LOST.
     fn summary(lost: usize) -> Summary {
@@ -196,7 +200,14 @@ mod tests {
             metric: "coverage".into(),
             bound: sonoloop_scenario::Bound::Range { min: Some(0.75), max: None },
         };
-        Summary::new("x", 0, "0", &metrics, &verdict(&metrics, &[expect]), &recording)
+        Summary::new(
+            &scenario(ImageGeometry::default()),
+            &TrackerName::own(),
+            "0",
+            &metrics,
+            &verdict(&metrics, &[expect]),
+            &recording,
+        )
     }
 
     #[test]

@@ -1,11 +1,14 @@
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use sonoloop_scenario::Scenario;
 use sonoloop_types::{EndReason, TICKS_PER_SECOND};
 
+use super::Setting;
 use crate::judge::{Judged, Metrics, passes};
+use crate::peer::TrackerName;
 use crate::record::Recording;
 
 /// `summary.json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Name of the scenario.
     pub scenario: String,
@@ -13,12 +16,16 @@ pub struct Summary {
     pub seed: u64,
     /// Version of the program.
     pub version: String,
-    /// `pass` or `fail`.
-    pub verdict: &'static str,
+    /// Who answered the images.
+    pub tracker: TrackerName,
+    /// What became of the expectations together.
+    pub verdict: Verdict,
     /// Why the run ended; after anything but `target_reached` and `time_over` its bytes are not comparable.
     pub end: EndReason,
     /// Paced by the clock: the same seed gives other bytes next time.
     pub realtime: bool,
+    /// What the run was set to.
+    pub setting: Setting,
     /// Every expectation and what became of it.
     pub expectations: Vec<Judged>,
     /// All metrics; null without a value.
@@ -27,23 +34,35 @@ pub struct Summary {
     pub timing: TimingSummary,
 }
 
+/// What became of the expectations together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// All held.
+    Pass,
+    /// At least one did not.
+    Fail,
+}
+
 impl Summary {
     /// Sums up a judged run.
     pub fn new(
-        scenario: &str,
-        seed: u64,
+        scenario: &Scenario,
+        tracker: &TrackerName,
         version: &str,
         metrics: &Metrics,
         judged: &[Judged],
         recording: &Recording,
     ) -> Self {
         Self {
-            scenario: scenario.to_owned(),
-            seed,
+            scenario: scenario.name.clone(),
+            seed: scenario.seed,
             version: version.to_owned(),
-            verdict: if passes(judged) { "pass" } else { "fail" },
+            tracker: tracker.clone(),
+            verdict: if passes(judged) { Verdict::Pass } else { Verdict::Fail },
             end: recording.end,
             realtime: recording.timing.behind_ticks.is_some(),
+            setting: Setting::of(scenario),
             expectations: judged.to_vec(),
             metrics: *metrics,
             timing: TimingSummary::of(recording),
@@ -58,7 +77,7 @@ impl Summary {
 }
 
 /// Medians and totals of a run's [`Timing`](crate::record::Timing).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TimingSummary {
     /// Median time to render an image.
     pub render_ms_p50: Option<f64>,
@@ -117,9 +136,12 @@ pub(super) fn median<T: Copy + Into<f64>>(values: &[T]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use sonoloop_types::ImageGeometry;
+
     use super::*;
     use crate::judge::test_recording::{facts, scripted};
     use crate::judge::{metrics, verdict};
+    use crate::output::test_run::scenario;
     use crate::record::Timing;
 
     #[test]
@@ -133,7 +155,14 @@ mod tests {
             simulated_s: 12.0,
             ..Timing::default()
         };
-        let summary = Summary::new("plain", 7, "0.1.0", &metrics, &verdict(&metrics, &[]), &recording);
+        let summary = Summary::new(
+            &scenario(ImageGeometry::default()),
+            &TrackerName::own(),
+            "0.1.0",
+            &metrics,
+            &verdict(&metrics, &[]),
+            &recording,
+        );
         let json: serde_json::Value = serde_json::from_str(&summary.to_json()).unwrap();
         let keys = |value: &serde_json::Value| -> Vec<String> {
             value.as_object().unwrap().keys().cloned().collect()
@@ -150,7 +179,9 @@ mod tests {
                 "realtime",
                 "scenario",
                 "seed",
+                "setting",
                 "timing",
+                "tracker",
                 "verdict",
                 "version"
             ]
@@ -173,6 +204,7 @@ mod tests {
                 "wire_us_p50"
             ]
         );
+        assert_eq!(serde_json::from_str::<Summary>(&summary.to_json()).unwrap(), summary, "reads back");
         assert_eq!(json["verdict"], "fail");
         assert_eq!(json["metrics"]["tip_rmse_px"], serde_json::Value::Null);
         assert_eq!(json["metrics"]["success"], false);

@@ -1,5 +1,6 @@
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::os::unix::fs::FileExt;
 
 use sonoloop_types::Image;
 
@@ -44,7 +45,7 @@ impl ImageStore {
         self.sizes_px.get(index).copied()
     }
 
-    /// Reads picture `index` back; `InvalidInput` when there is none.
+    /// Reads picture `index` back, from any thread; `InvalidInput` when there is none.
     pub fn get(&self, index: usize) -> io::Result<Image> {
         let (Some(&offset), Some(&(width_px, height_px))) =
             (self.offsets.get(index), self.sizes_px.get(index))
@@ -53,9 +54,7 @@ impl ImageStore {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
         };
         let mut image = Image::black(width_px, height_px);
-        let mut file = &self.file;
-        file.seek(SeekFrom::Start(offset))?;
-        file.read_exact(&mut image.pixels)?;
+        self.file.read_exact_at(&mut image.pixels, offset)?;
         Ok(image)
     }
 }

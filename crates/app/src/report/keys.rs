@@ -1,6 +1,6 @@
 use sonoloop_types::TrackState;
 
-use crate::record::ImageRow;
+use super::ImageLine;
 
 /// A picture worth showing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,18 +11,18 @@ pub(super) struct KeyImage {
 
 /// Up to six images that tell the run: start, last before the loss, loss, in the search, recovered, end. A
 /// run without a loss is told in quarters.
-pub(super) fn key_images(rows: &[ImageRow]) -> Vec<KeyImage> {
+pub(super) fn key_images(rows: &[ImageLine]) -> Vec<KeyImage> {
     let Some(last) = rows.len().checked_sub(1) else { return Vec::new() };
     let mut keys = vec![KeyImage { label: "start", index: 0 }];
-    let is_lost = |row: &ImageRow| row.state() == Some(TrackState::Lost);
+    let is_lost = |row: &ImageLine| row.state == Some(TrackState::Lost);
     let lost = rows.windows(2).position(|pair| pair[0].is_tracking() && is_lost(&pair[1]));
     if let Some(before_declared) = lost {
         let declared = before_declared + 1;
         // The true loss is what is worth comparing with, when there was one shortly before.
-        let before = rows[..=before_declared].iter().rposition(|row| row.truth.visible);
+        let before = rows[..=before_declared].iter().rposition(|row| row.visible == 1);
         keys.push(KeyImage { label: "before the loss", index: before.unwrap_or(before_declared) });
         keys.push(KeyImage { label: "loss declared", index: declared });
-        let recovered = rows[declared..].iter().position(ImageRow::is_tracking).map(|k| declared + k);
+        let recovered = rows[declared..].iter().position(ImageLine::is_tracking).map(|k| declared + k);
         keys.push(KeyImage { label: "searching", index: (declared + recovered.unwrap_or(last)) / 2 });
         keys.extend(recovered.map(|index| KeyImage { label: "recovered", index }));
     } else {
@@ -36,11 +36,19 @@ pub(super) fn key_images(rows: &[ImageRow]) -> Vec<KeyImage> {
 
 #[cfg(test)]
 mod tests {
+    use sonoloop_types::ImageGeometry;
+
     use super::*;
     use crate::judge::test_recording::scripted;
+    use crate::output::images_csv;
+    use crate::output::test_run::scenario;
+    use crate::report::parse_csv;
 
     fn keys(visibility: &str, states: &str) -> Vec<(&'static str, usize)> {
-        key_images(&scripted(visibility, states).images).iter().map(|key| (key.label, key.index)).collect()
+        let probe = scenario(ImageGeometry::default()).probe;
+        let images: Vec<ImageLine> =
+            parse_csv(&images_csv(&scripted(visibility, states).images, &probe)).unwrap();
+        key_images(&images).iter().map(|key| (key.label, key.index)).collect()
     }
 
     #[test]
