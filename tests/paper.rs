@@ -96,3 +96,49 @@ fn the_null_trackers_fail_every_sequence_by_what_they_say() {
         assert!(!failed.is_empty(), "{name} is not told on {} with seed {seed}", file.display());
     });
 }
+
+/// Two of the sequences with all that is made of their pictures; links stand for the files that scenarios name.
+#[test]
+fn report_and_data_of_two_sequences() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let scenarios = folder.path().join("scenarios/paper");
+    std::fs::create_dir_all(&scenarios).expect("folder");
+    for name in ["robots", "phantoms"] {
+        std::os::unix::fs::symlink(common::file(name), folder.path().join(name)).expect("link");
+    }
+    for name in ["lateral_05.yaml", "lateral_14.yaml"] {
+        std::fs::copy(common::file("scenarios/paper").join(name), scenarios.join(name)).expect("copy");
+    }
+    let out = folder.path().join("out");
+    let [out_text, scenarios_text] = [&out, &scenarios].map(|path| path.to_str().expect("plain path"));
+    let finished = common::sonoloop(&["paper", "--out", out_text, "--scenarios", scenarios_text]);
+    assert_eq!(finished.code(), 0, "{}", finished.stderr);
+    assert!(finished.stdout.contains("2 of 2 sequences pass"), "{}", finished.stdout);
+
+    let read = |name: &str| {
+        std::fs::read_to_string(out.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    };
+    let report = read("report.html");
+    for part in
+        ["Results", "Fig. 1", "Fig. 2", "Figs 5 and 6", "Table I", "earlier methods", "Not for clinical use"]
+    {
+        assert!(report.contains(part), "{part}");
+    }
+    // Outside scripts, which may well speak of NaN, and pictures, whose base64 may.
+    let told =
+        report.split("<script").map(|part| part.split_once("</script>").map_or(part, |(_, told)| told));
+    assert!(
+        told.into_iter().all(|part| !part.contains(">NaN") && !part.contains(" NaN")),
+        "a number without a value is told as such"
+    );
+    // Rows below the head: a shift each of both templates and three measures; two profiles, three strategies, 320 images;
+    // one per image; two templates, two similarities, two orders; two methods.
+    let rows = |name: &str| read(name).lines().count() - 1;
+    assert_eq!(rows("sequences.csv"), 2);
+    assert_eq!(rows("fig1_surfaces.csv"), 2 * 3 * 41 * 41);
+    assert_eq!(rows("fig2_updates.csv"), 2 * 3 * 320);
+    assert_eq!(rows("fig6_ncc.csv"), 300);
+    assert_eq!(rows("images_lateral_05.csv"), 300);
+    assert_eq!(rows("table1_timing.csv"), 8);
+    assert_eq!(rows("earlier_methods.csv"), 4);
+}

@@ -40,12 +40,12 @@ const REPORT: &str = "report.html";
 const JOBS: usize = 2;
 
 /// Whose pictures the figures are made of.
-const FIGURE_1: [&str; 2] = ["lateral_14", "lateral_04"];
-const FIGURE_2: &str = "lateral_01";
+const FIGURE_1: [&str; 3] = ["lateral_14", "lateral_08", "lateral_04"];
+const FIGURE_2: [&str; 2] = ["lateral_01", "lateral_14"];
 const FIGURE_3: [&str; 2] = ["lateral_03", "lateral_07"];
 const FIGURE_4: [&str; 2] = ["transverse_02", "transverse_03"];
 const FIGURE_5: &str = "lateral_05";
-const TABLE_I: &str = "lateral_04";
+const TABLE_I: &str = "lateral_14";
 
 /// A sequence, and what was made of its pictures.
 struct Looked {
@@ -55,7 +55,7 @@ struct Looked {
     /// Fig. 1.
     surfaces: Option<[Figure; 2]>,
     /// Fig. 2, and pictures by strategy.
-    updates: Option<([Strategies; 2], Vec<StripPicture>)>,
+    updates: Option<([Strategies; 2], [Vec<StripPicture>; 3])>,
     /// Figs 5 and 6.
     loss: Option<(Loss, Vec<StripPicture>)>,
     comparison: Option<Comparison>,
@@ -123,7 +123,7 @@ fn look(mut sequence: Sequence) -> Result<Looked, AppError> {
     let is_shown = FIGURE_3.iter().chain(&FIGURE_4).any(|shown| *shown == name);
     let strip = if is_shown { strips::even(&sequence)? } else { Vec::new() };
     let surfaces = if FIGURE_1.contains(&name.as_str()) { figures::surfaces(&sequence)? } else { None };
-    let updates = if name == FIGURE_2 { Some(figures::updates(&sequence)?) } else { None };
+    let updates = if FIGURE_2.contains(&name.as_str()) { Some(figures::updates(&sequence)?) } else { None };
     let loss = if name == FIGURE_5 { figures::loss(&sequence)? } else { None };
     let comparison = earlier::compare(&sequence)?;
     if name != TABLE_I {

@@ -9,6 +9,8 @@ pub const SIDE_PX: usize = 61;
 pub const REACH_PX: i32 = 20;
 /// Grey-level bins of the SCV on 61×61 pixels.
 const BINS: usize = 32;
+/// Spreads over the background's median from which on a pixel is the needle's.
+const NEEDLE_FROM: f64 = 3.0;
 /// What the dimmed needle keeps of its contrast over the background.
 const DIMMED_TO: f64 = 0.1;
 
@@ -109,33 +111,20 @@ pub fn figures(image: &Image, tip_px: [f64; 2]) -> Option<[Figure; 2]> {
     Some([figure(template.clone()), figure(dimmed(&template))])
 }
 
-/// The needle's pixels, those above Otsu's threshold, at a tenth of their contrast over the background's median.
+/// The needle's pixels at a tenth of their contrast over the background: those that stand out from its median by more than
+/// three times the spread below the median, where there is no needle.
 fn dimmed(template: &[f64]) -> Vec<f64> {
-    let threshold = otsu(template);
-    let mut background: Vec<f64> = template.iter().copied().filter(|level| *level <= threshold).collect();
-    background.sort_by(f64::total_cmp);
-    let median = background.get(background.len() / 2).copied().unwrap_or(0.0);
+    let mut sorted = template.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let darker = &sorted[..=sorted.len() / 2];
+    let median = darker[darker.len() - 1];
+    let spread =
+        (darker.iter().map(|level| (median - level).powi(2)).sum::<f64>() / darker.len() as f64).sqrt();
+    let threshold = median + NEEDLE_FROM * spread;
     let dim = |level: &f64| {
         if *level > threshold { median + DIMMED_TO * (level - median) } else { *level }
     };
     template.iter().map(dim).collect()
-}
-
-/// The threshold that parts grey levels 0…255 into two classes with the largest variance between them (Otsu 1979).
-fn otsu(levels: &[f64]) -> f64 {
-    let mut best = (0.0, 0.0);
-    for threshold in 0..255 {
-        let threshold = f64::from(threshold);
-        let (low, high): (Vec<f64>, Vec<f64>) = levels.iter().partition(|level| **level <= threshold);
-        if low.is_empty() || high.is_empty() {
-            continue;
-        }
-        let between = low.len() as f64 * high.len() as f64 * (mean(&high) - mean(&low)).powi(2);
-        if between > best.0 {
-            best = (between, threshold);
-        }
-    }
-    best.1
 }
 
 fn patch(image: &Image, [u, v]: [i32; 2]) -> Option<Vec<f64>> {

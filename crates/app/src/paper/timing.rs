@@ -20,7 +20,7 @@ pub(super) struct Cell {
     pub template_px: u32,
     pub similarity: Similarity,
     pub order: Optimisation,
-    /// Images timed: those in which the needle moves and the tip is tracked.
+    /// Images timed: those in which the needle moves and the tip is tracked, within 5 px.
     pub images: usize,
     /// Mean time of an image.
     pub mean_us: f64,
@@ -51,6 +51,11 @@ pub(super) fn table(sequence: &Sequence) -> Result<Vec<Cell>, AppError> {
     Ok(cells)
 }
 
+/// What is called tracked here; farther off the time is that of following something else.
+fn is_near(tip_px: Option<[f64; 2]>, true_px: [f64; 2]) -> bool {
+    tip_px.is_some_and(|[u, v]| (u - true_px[0]).hypot(v - true_px[1]) <= 5.0)
+}
+
 fn cell(sequence: &Sequence, settings: TrackerSettings) -> Result<Cell, AppError> {
     let mut times_us: Vec<Vec<f64>> = vec![Vec::new(); sequence.rows.len()];
     let mut iterations = vec![0; sequence.rows.len()];
@@ -62,7 +67,9 @@ fn cell(sequence: &Sequence, settings: TrackerSettings) -> Result<Cell, AppError
             let estimate = tracker.track(&image, &Context::default());
             let time_us = began.elapsed().as_secs_f64() * 1e6;
             // The first image of a size allocates what all others use.
-            if index > 1 && estimate.state == TrackState::Tracking && row.truth.feed_m_s > 0.0 {
+            let is_tracked =
+                estimate.state == TrackState::Tracking && is_near(estimate.tip_px, row.truth.reference_px);
+            if index > 1 && is_tracked && row.truth.feed_m_s > 0.0 {
                 times_us[index].push(time_us);
                 iterations[index] = estimate.iterations;
             }
