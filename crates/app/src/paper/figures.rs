@@ -1,16 +1,15 @@
 //! Sections of the report that show the paper's figures again.
 
-use sonoloop_types::{Profile, TrackState};
+use sonoloop_types::Profile;
 
 use super::sequence::Sequence;
 use super::similarity::{self, Figure, Surface};
 use super::updates::{STRATEGIES, Strategies, strategies};
-use super::{FIGURE_1, FIGURE_2, FIGURE_3, FIGURE_4, FIGURE_5, Looked, Loss, Results, drawing, strips};
-use crate::error::AppError;
-use crate::page::{
-    Band, BandKind, Block, Charts, Colour, Column, Level, Moment, Panel, Row, Section, Series, StripPicture,
-    Table,
+use super::{
+    FIGURE_1, FIGURE_2, FIGURE_3, FIGURE_4, FIGURE_5, Looked, Loss, Results, drawing, loss_figures, strips,
 };
+use crate::error::AppError;
+use crate::page::{Block, Charts, Colour, Column, Panel, Row, Section, Series, StripPicture, Table};
 
 /// Root mean square within which a strategy counts as holding the tip: the sequences' own bound of 0.6 mm.
 const HELD_PX: f64 = 6.0;
@@ -91,10 +90,15 @@ pub(super) fn sections(results: &Results) -> Vec<Section> {
         blocks.push(Block::Note("Box: the template where the tracker says the tip is. Cross: the true tip, where it is in the slice; in a transverse view where the needle's axis meets the plane.".into()));
         sections.push(Section::new(title, blocks));
     }
-    sections.extend(results.of(FIGURE_5).and_then(|looked| {
+    let losses = FIGURE_5.iter().filter_map(|name| {
+        let looked = results.of(name)?;
         let (loss, pictures) = looked.loss.as_ref()?;
-        Some(figures_5_and_6(looked, loss, pictures))
-    }));
+        Some(loss_figures::blocks(looked, loss, pictures))
+    });
+    let blocks: Vec<_> = losses.flatten().collect();
+    if !blocks.is_empty() {
+        sections.push(Section::new("Figs 5 and 6: loss and recovery", blocks));
+    }
     sections
 }
 
@@ -240,91 +244,8 @@ fn figure_2_text(both: &[Strategies; 2]) -> String {
     text
 }
 
-fn figures_5_and_6(looked: &Looked, loss: &Loss, pictures: &[StripPicture]) -> Section {
-    let rows = &looked.sequence.rows;
-    let estimate = |value: &dyn Fn(&sonoloop_types::Estimate) -> Option<f64>| -> Vec<Option<f64>> {
-        rows.iter().map(|row| row.command.as_ref().and_then(|command| value(&command.estimate))).collect()
-    };
-    let series =
-        |label: &str, colour, dotted, values| Series { label: label.to_owned(), colour, dotted, values };
-    let panel = Panel {
-        title: "NCC".into(),
-        series: vec![
-            series(
-                "with the last template",
-                Colour::Blue,
-                false,
-                estimate(&|estimate| estimate.ncc_previous),
-            ),
-            series(
-                "with the first template",
-                Colour::Orange,
-                false,
-                estimate(&|estimate| estimate.ncc_anchor),
-            ),
-            series(
-                "with the last, paper's configuration on the same pictures",
-                Colour::Grey,
-                true,
-                loss.paper_ncc.clone(),
-            ),
-        ],
-        levels: vec![
-            Level { label: "lost below 0.8".into(), colour: Colour::Red, value: 0.8 },
-            Level { label: "found again from 0.75 (paper)".into(), colour: Colour::Green, value: 0.75 },
-        ],
-        at_least: [0.0, 1.0],
-        at_most: [-0.5, 1.0],
-    };
-    let mut charts = plain_charts((0..rows.len()).map(|k| k as f64).collect(), vec![panel]);
-    charts.band_kinds = [("tracking", Colour::Green), ("lost", Colour::Red), ("candidate", Colour::Amber)]
-        .map(|(label, colour)| BandKind { label: label.into(), colour })
-        .into();
-    let mut at = 0;
-    for stretch in rows.chunk_by(|a, b| a.state() == b.state()) {
-        let kind = match stretch[0].state() {
-            Some(TrackState::Tracking) => Some(0),
-            Some(TrackState::Lost) => Some(1),
-            Some(TrackState::Recovering) => Some(2),
-            _ => None,
-        };
-        let (from, to) = (at as f64, (at + stretch.len()) as f64);
-        charts.bands.extend(kind.map(|kind| Band { from, to, kind }));
-        at += stretch.len();
-    }
-    charts.moments = loss
-        .marks
-        .iter()
-        .zip(["(a)", "(b)", "(c)", "(d)"])
-        .map(|(index, label)| Moment { at: *index as f64, colour: Colour::Purple, label: label.into() })
-        .collect();
-    let scenario = &looked.sequence.scenario;
-    let [_, b, _, d] = loss.marks;
-    let below = loss.paper_ncc[b.saturating_sub(5)..d].iter().flatten().any(|ncc| *ncc < 0.8);
-    let paper = if below {
-        "In the paper's configuration NCC falls below 0.8 about the loss too."
-    } else {
-        "In the paper's configuration NCC does not fall below 0.8 about the loss: what it holds on to is not the tip."
-    };
-    Section::new(
-        "Figs 5 and 6: loss and recovery",
-        vec![
-            Block::Text(format!(
-                "{} ({}), seed {}: declared lost at image {b}, tracked again from image {d}. While it is lost NCC is that of the \
-                 best candidate, where there is one.",
-                scenario.name, scenario.description, scenario.seed
-            )),
-            Block::Strip(pictures.to_vec()),
-            Block::Charts(Box::new(charts)),
-            Block::Text(format!(
-                "The paper: NCC near 1 in the plane, lost below 0.8, found again at 0.75. The default configuration asks 0.85 of a \
-                 recovery and three images that confirm it, since found again at 0.75 a tip would be lost by the next image's 0.8. {paper}"
-            )),
-        ],
-    )
-}
-
-fn plain_charts(x: Vec<f64>, panels: Vec<Panel>) -> Charts {
+/// Panels over the number of the image.
+pub(super) fn plain_charts(x: Vec<f64>, panels: Vec<Panel>) -> Charts {
     Charts {
         x_label: "image".into(),
         x,

@@ -9,6 +9,7 @@ mod drawing;
 mod earlier;
 mod figures;
 mod loss;
+mod loss_figures;
 mod parallel;
 mod report;
 mod sequence;
@@ -44,7 +45,7 @@ const FIGURE_1: [&str; 3] = ["lateral_14", "lateral_08", "lateral_04"];
 const FIGURE_2: [&str; 2] = ["lateral_01", "lateral_14"];
 const FIGURE_3: [&str; 2] = ["lateral_03", "lateral_07"];
 const FIGURE_4: [&str; 2] = ["transverse_02", "transverse_03"];
-const FIGURE_5: &str = "lateral_05";
+const FIGURE_5: [&str; 2] = ["lateral_05", "lateral_11"];
 const TABLE_I: &str = "lateral_14";
 
 /// A sequence, and what was made of its pictures.
@@ -124,7 +125,7 @@ fn look(mut sequence: Sequence) -> Result<Looked, AppError> {
     let strip = if is_shown { strips::even(&sequence)? } else { Vec::new() };
     let surfaces = if FIGURE_1.contains(&name.as_str()) { figures::surfaces(&sequence)? } else { None };
     let updates = if FIGURE_2.contains(&name.as_str()) { Some(figures::updates(&sequence)?) } else { None };
-    let loss = if name == FIGURE_5 { figures::loss(&sequence)? } else { None };
+    let loss = if FIGURE_5.contains(&name.as_str()) { figures::loss(&sequence)? } else { None };
     let comparison = earlier::compare(&sequence)?;
     if name != TABLE_I {
         sequence.pixels = None;

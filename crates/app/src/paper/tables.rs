@@ -193,14 +193,14 @@ pub(super) fn earlier(results: &Results) -> Section {
         all.template = all.template.and(comparison.template);
         rows.push(row(&scenario.name, &scenario.phantom.name, &comparison, spacing_m));
     }
-    rows.push(row("all of these", "", &all, spacing_m));
+    rows.push(row("all", "of these", &all, spacing_m));
     let numbers = [
-        "tip RMSE, mm: earlier",
+        "RMSE, mm: earlier",
         "template",
-        "> 2 mm off, %: earlier",
+        "> 2 mm off: earlier",
         "template",
-        "images out of plane",
-        "tip claimed there, %: earlier",
+        "out of plane",
+        "claimed there: earlier",
         "template",
     ];
     let columns =
@@ -232,7 +232,7 @@ pub(super) fn earlier(results: &Results) -> Section {
                 }
             )),
             Block::Note(
-                "Out of plane: farther from the plane than half the −6 dB slice thickness, or without contact; the first images of a \
+                "Out of plane: images with the tip farther from the plane than half the −6 dB slice thickness, or without contact; the first images of a \
                  loss, until it is declared, count against both. The shaft is often still seen then."
                     .into(),
             ),
@@ -244,7 +244,7 @@ fn row(name: &str, medium: &str, comparison: &Comparison, spacing_m: f64) -> Row
     let number =
         |claims: &Claims| claims.rmse_mm(spacing_m).map_or("–".to_owned(), |mm| format!("{mm:.2}"));
     let share = |part: usize, of: usize| {
-        if of == 0 { "–".to_owned() } else { format!("{:.0}", 100.0 * part as f64 / of as f64) }
+        if of == 0 { "–".to_owned() } else { format!("{:.0} %", 100.0 * part as f64 / of as f64) }
     };
     let Comparison { baseline: b, template: t } = comparison;
     Row::new([
