@@ -8,23 +8,11 @@ use sonoloop_types::EventKind;
 
 mod common;
 
+use common::for_each;
+
 fn run(file: &std::path::Path, seed: Option<u64>, kind: ControllerKind) -> Finished {
     let (scenario, session) = prepare(file, seed, &[]).unwrap_or_else(|e| panic!("{e}"));
     execute_in_process(&scenario, session, kind).unwrap_or_else(|e| panic!("{}: {e}", file.display()))
-}
-
-/// Does the same for every case, two at a time.
-fn for_each<T: Sync>(cases: &[T], check: impl Fn(&T) + Sync) {
-    let next = std::sync::atomic::AtomicUsize::new(0);
-    std::thread::scope(|scope| {
-        for _ in 0..2 {
-            scope.spawn(|| {
-                while let Some(case) = cases.get(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)) {
-                    check(case);
-                }
-            });
-        }
-    });
 }
 
 #[test]
@@ -167,6 +155,8 @@ fn a_tracker_that_hangs_or_sends_garbage_stops_the_needle_until_it_is_sound_agai
 fn the_null_trackers_fail_every_scenario() {
     let cases: Vec<_> = common::scenarios()
         .into_iter()
+        // Those of `scenarios/paper` end at an image of their own: tests/paper.rs.
+        .filter(|file| !file.parent().is_some_and(|folder| folder.ends_with("paper")))
         .flat_map(|file| Null::ALL.into_iter().map(move |(name, null)| (file.clone(), name, null)))
         .collect();
     // A seed each, not the same everywhere: over all scenarios every tracker meets some twenty draws. Time enough for every

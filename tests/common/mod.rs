@@ -4,6 +4,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// Longest any wait may take; a hang becomes a failure instead of a stuck gate. Nothing is measured against it.
@@ -120,4 +121,18 @@ pub fn scenarios() -> Vec<PathBuf> {
     files.sort();
     assert!(files.len() >= 4, "at least four scenarios are committed");
     files
+}
+
+/// Does the same for every case, two at a time.
+pub fn for_each<T: Sync>(cases: &[T], check: impl Fn(&T) + Sync) {
+    let next = AtomicUsize::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    check(case);
+                }
+            });
+        }
+    });
 }

@@ -25,6 +25,7 @@ Examples:
   sonoloop replay out/recovery
   sonoloop render --gallery out/atlas
   sonoloop track recording.mha --init 238.1,327.6 --out out/track
+  sonoloop paper --out out/paper
 
 Exit codes: 0 pass, 1 an expectation failed, 2 bad input, 3 runtime fault.
 Not for clinical use.";
@@ -56,6 +57,14 @@ Examples:
 Exit codes: 0 all the same, 1 something differs (the first difference is named), 2 no comparison is possible: a file is
 missing or damaged, or the run was paced by the clock, had a tracker of its own or ended early.";
 
+const PAPER_EXAMPLES: &str = "\
+Examples:
+  sonoloop paper --out out/paper
+  sonoloop paper --out out/paper --studies
+
+In the folder: report.html, and all its data as CSV. A few minutes on two cores; with --studies up to half an hour.
+Exit codes: 0 all sequences pass, 1 one fails, 2 bad input, 3 runtime fault. Not for clinical use.";
+
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
@@ -80,6 +89,10 @@ pub enum Command {
     /// Run a recorded run again and compare: every image's hash, estimate and truth, and the events
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(FolderArgs),
+    /// Run the paper's twenty sequences and make its figures and tables again: one report, what was measured beside what the
+    /// paper says
+    #[command(after_help = PAPER_EXAMPLES)]
+    Paper(PaperArgs),
     /// Remove shared memory left over by killed runs; live runs are not touched
     Clean,
 }
@@ -269,4 +282,18 @@ pub struct ListArgs {
     /// Folder that holds scenarios, robots and phantoms
     #[arg(default_value = ".")]
     pub folder: PathBuf,
+}
+
+/// Arguments of `paper`.
+#[derive(Debug, Args)]
+pub struct PaperArgs {
+    /// Folder for report.html and its data
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Also compare the paper's plain configuration with the defaults over ten seeds, and map where both break
+    #[arg(long)]
+    pub studies: bool,
+    /// Folder that holds the sequences
+    #[arg(long, value_name = "DIR", default_value = "scenarios/paper")]
+    pub scenarios: PathBuf,
 }

@@ -20,6 +20,7 @@ pub mod judge;
 pub mod null;
 pub mod output;
 pub mod page;
+mod paper;
 pub mod paths;
 pub mod peer;
 pub mod progress;

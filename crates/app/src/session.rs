@@ -216,11 +216,14 @@ impl Session {
             let moving = truth.feed_m_s > 0.0 || pausing;
             was_fed |= truth.feed_m_s > 0.0;
             rest_ticks = if moving { 0 } else { rest_ticks + 1 };
-            if was_fed
+            let arrived = was_fed
                 && rest_ticks >= REST_TICKS
-                && truth.target_distance_m <= self.scenario.insertion.target_tolerance_m
-            {
-                recording.end = EndReason::TargetReached;
+                && truth.target_distance_m <= self.scenario.insertion.target_tolerance_m;
+            let over = self.scenario.images.map_or(arrived, |images| recording.images.len() as u64 >= images);
+            if over {
+                if arrived {
+                    recording.end = EndReason::TargetReached;
+                }
                 break;
             }
             let before = Instant::now();

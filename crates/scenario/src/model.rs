@@ -20,6 +20,8 @@ pub struct Scenario {
     pub seed: u64,
     /// Longest simulated time, in ticks.
     pub duration_ticks: u64,
+    /// The run ends after this many images; `None`: with the needle at rest at its target.
+    pub images: Option<u64>,
     /// Ticks between images; divides the tick rate.
     pub image_period_ticks: u64,
     /// Lateral or transverse.

@@ -90,6 +90,13 @@ fn scenario_cases() -> Vec<Case> {
         ),
         case(
             s,
+            "duration_s: 40",
+            "duration_s: 40\nimages: 1001",
+            &["images = 1001", "at most 1000", "duration_s = 40"],
+        ),
+        case(s, "duration_s: 40", "duration_s: 40\nimages: 0", &["images = 0", "at least 1"]),
+        case(
+            s,
             "target_depth_mm: 62",
             "target_depth_mm: 145",
             &["insertion.target_depth_mm = 145", "at most 140", "needle robot"],

@@ -233,6 +233,7 @@ pub fn scenario() -> Scenario {
         source: "fixture.yaml".into(),
         seed: 1,
         duration_ticks: 10_000,
+        images: None,
         image_period_ticks: 40,
         view: View::Lateral,
         arm: kuka(),

@@ -4,6 +4,7 @@ mod check;
 mod clean;
 mod gallery;
 mod list;
+mod paper;
 mod render;
 mod replay;
 mod report;
@@ -16,7 +17,7 @@ mod view;
 use crate::cli::Command;
 use crate::error::{AppError, Outcome};
 
-pub use run::{Finished, execute_in_process};
+pub use run::{Finished, execute_in_process, run_id};
 
 /// Does what the command line asks.
 pub fn dispatch(command: Command) -> Result<Outcome, AppError> {
@@ -30,6 +31,7 @@ pub fn dispatch(command: Command) -> Result<Outcome, AppError> {
         Command::List(args) => list::list(&args),
         Command::Report(args) => report::report(&args),
         Command::Replay(args) => replay::replay(&args),
+        Command::Paper(args) => paper::run(&args),
         Command::Clean => clean::clean(),
     }
 }

@@ -33,7 +33,7 @@ pub use error::OutputError;
 pub(crate) use junit::escape_xml;
 pub use junit::{Case, CaseResult, junit_xml};
 pub use overlay::{Display, Scale};
-pub(crate) use pictures::{PICTURES, split};
+pub(crate) use pictures::{PICTURES, jpeg, split};
 pub(crate) use png::rgb_png;
 pub use png::write_png;
 pub use rates::{GroupRates, Rate, Rates, Run, ScenarioRates, Spread};

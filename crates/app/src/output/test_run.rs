@@ -25,6 +25,7 @@ pub(crate) fn scenario(geometry: ImageGeometry) -> Scenario {
         source: "made_up.yaml".into(),
         seed: 3,
         duration_ticks: 20_000,
+        images: None,
         image_period_ticks: PERIOD,
         view: View::Lateral,
         arm: ArmSpec {

@@ -14,6 +14,13 @@ pub(crate) fn build(document: &Document, library: &Library) -> Result<Scenario, 
         let message = format!("must divide the {TICKS_PER_SECOND} ticks of a second");
         return Err(document.fail("image_rate_hz", message));
     }
+    let (duration_ticks, image_period_ticks) = (ticks(raw.duration_s), TICKS_PER_SECOND / rate);
+    let images = raw.images.map(u64::from);
+    if let Some(images) = images.filter(|images| images * image_period_ticks > duration_ticks) {
+        let most = duration_ticks / image_period_ticks;
+        let message = format!("must be at most {most}, the images of duration_s = {}", raw.duration_s);
+        return Err(document.fail_value("images", images as f64, message));
+    }
     let arm = library.arm(document, &raw.robot)?;
     let needle_robot = library.needle_robot(document, &raw.needle_robot)?;
     let probe = library.probe(document, &raw.probe)?;
@@ -32,8 +39,9 @@ pub(crate) fn build(document: &Document, library: &Library) -> Result<Scenario, 
         description: raw.description,
         source: document.source.path.clone(),
         seed: raw.seed,
-        duration_ticks: ticks(raw.duration_s),
-        image_period_ticks: TICKS_PER_SECOND / rate,
+        duration_ticks,
+        images,
+        image_period_ticks,
         view: match raw.view {
             RawView::Lateral => View::Lateral,
             RawView::Transverse => View::Transverse,

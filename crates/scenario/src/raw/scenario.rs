@@ -23,6 +23,11 @@ pub(crate) struct RawScenario {
     /// Longest simulated time.
     #[garde(range(min = 0.1, max = 3600.0))]
     pub duration_s: f64,
+    /// Ends the run after exactly this many images, also where the needle has been at its target for some time; when left out,
+    /// the run ends with the needle at rest there.
+    #[serde(default)]
+    #[garde(inner(range(min = 1, max = 720000)))]
+    pub images: Option<u32>,
     /// Images per second; divides the 1000 ticks of a second.
     #[serde(default = "default_image_rate")]
     #[garde(range(min = 1, max = 200))]
