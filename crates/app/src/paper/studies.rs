@@ -15,16 +15,16 @@ use crate::session::Session;
 /// Seeds of the success rates.
 pub(super) const SEEDS: u64 = 10;
 /// Seeds of each cell of a map.
-pub(super) const MAP_SEEDS: u64 = 4;
+pub(super) const MAP_SEEDS: u64 = 3;
 /// What the maps are made of: nothing goes wrong in it by itself.
 pub(super) const MAPPED: &str = "lateral_04.yaml";
 /// How much less the needle echoes than its file says.
-pub(super) const FAINTER_DB: [f64; 5] = [0.0, 6.0, 12.0, 18.0, 24.0];
+pub(super) const FAINTER_DB: [f64; 5] = [0.0, 3.0, 6.0, 9.0, 12.0];
 /// Images per second; at 10 mm/s the tip moves 0.2 to 1.25 mm from one to the next. Slower ones would let the needle robot's
 /// watchdog stop the needle.
 pub(super) const RATES_HZ: [u32; 5] = [50, 25, 20, 10, 8];
 /// From taking a picture to handing it out.
-pub(super) const DELAYS_MS: [u32; 5] = [0, 50, 100, 150, 200];
+pub(super) const DELAYS_MS: [u32; 5] = [0, 100, 200, 300, 400];
 /// Both profiles with their names in files.
 pub(super) const PROFILES: [(Profile, &str); 2] = [(Profile::Robust, "robust"), (Profile::Paper, "paper")];
 

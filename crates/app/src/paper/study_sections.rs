@@ -86,7 +86,10 @@ fn profiles(studies: &Studies) -> Section {
 }
 
 fn breaking(studies: &Studies) -> Section {
-    let fainter: Vec<String> = FAINTER_DB.iter().map(|db| format!("−{db} dB")).collect();
+    let fainter: Vec<String> = FAINTER_DB
+        .iter()
+        .map(|db| if *db == 0.0 { "as is".to_owned() } else { format!("−{db} dB") })
+        .collect();
     let shares = |trials: &[MapTrial], profile: &str| -> Vec<f64> {
         let of_profile: Vec<_> = trials.iter().filter(|trial| trial.profile == profile).collect();
         let cells = of_profile.chunks(MAP_SEEDS as usize);
