@@ -103,7 +103,7 @@ async function use(browser, url) {
   const plain = await picture(page);
   await page.getByLabel("truth").check();
   assert.notDeepEqual(await picture(page), plain, "the truth is drawn when asked for");
-  assert.match(await page.locator("#offset").textContent(), /mm off the tip/);
+  assert.match(await page.locator("#offset").textContent(), /mm off the plane/);
   await take(page, "tracking");
 
   await slide(page, "elevation", 3);
@@ -153,7 +153,7 @@ async function use(browser, url) {
     await page.getByRole("button", { name: title, exact: true }).click();
     await page.locator(".lesson details summary").click();
     assert.ok(await page.locator(".lesson details p").first().isVisible(), "the answer is shown when asked for");
-    await page.getByRole("button", { name: /start/ }).click();
+    await page.locator(".lesson-start").click();
     await page.waitForFunction((run) => document.body.dataset.run === run, String(4 + k));
     await page.waitForFunction(() => document.body.dataset.image !== "");
     await take(page, `lesson_${k + 1}`);

@@ -45,6 +45,8 @@ struct RobotLine<'a> {
     name: &'a str,
     urdf: String,
     base_link: &'a str,
+    /// The link that carries probe or needle.
+    end_link: &'a str,
     joints: &'a [String],
     world_from_base: PoseLine,
 }
@@ -69,6 +71,7 @@ pub(super) fn about(scenario: &Scenario, plan: &Plan, lessons: &Lessons) -> Resu
             name: &robot.name,
             urdf: text(&robot.urdf)?,
             base_link: &robot.base_link,
+            end_link: &robot.hub_link,
             joints: &robot.joint_names,
             world_from_base: pose_line(&robot.world_from_base),
         })
@@ -91,6 +94,7 @@ pub(super) fn about(scenario: &Scenario, plan: &Plan, lessons: &Lessons) -> Resu
             name: &arm.name,
             urdf: text(&arm.urdf)?,
             base_link: &arm.base_link,
+            end_link: &arm.flange_link,
             joints: &arm.joint_names,
             world_from_base: pose_line(&arm.world_from_base),
         },

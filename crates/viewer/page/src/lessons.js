@@ -47,7 +47,7 @@ export class Lessons {
       details.insertAdjacentHTML("beforeend", marked.parse(answer));
     }
     const start = this.button(this.running === name ? "start again" : "start this lesson's run", () => this.send({ restart: { lesson: name } }));
-    start.className = "main";
+    start.className = "main lesson-start";
     const row = document.createElement("div");
     row.className = "row";
     row.append(start, this.button("all lessons", () => this.to("")));

@@ -28,7 +28,7 @@ const shown = () => ({ box: byId("show-box").checked, truth: byId("show-truth").
 function drawRow() {
   const row = rows.at(-1);
   picture.draw(row, shown());
-  byId("offset").textContent = row && shown().truth ? `plane ${row.plane_offset_mm.toFixed(2)} mm off the tip${row.visible ? "" : ", tip not in the slice"}` : "";
+  byId("offset").textContent = row && shown().truth ? `tip ${row.plane_offset_mm.toFixed(2)} mm off the plane${row.visible ? "" : ", out of the slice"}` : "";
   const pill = byId("state");
   pill.className = `pill ${row?.state ?? ""}`;
   pill.textContent = row ? (STATES[row.state] ?? "NO TRACKER") : "–";

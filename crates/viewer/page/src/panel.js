@@ -7,6 +7,9 @@ const LIFT = { height_mm: 5, duration_s: 1 };
 const DOWN_S = 1;
 const MOST_EVENTS = 60;
 
+/** What was asked for stands there as JSON; people read words. */
+const readable = (text) => (/^["{]/.test(text) ? `asked: ${text.replaceAll(/["{}]/g, "").replaceAll(/[:,_]/g, (mark) => (mark === "_" ? " " : `${mark} `))}` : text);
+
 export class Panel {
   constructor(send) {
     this.send = send;
@@ -98,7 +101,7 @@ export class Panel {
   show(status) {
     this.status = status;
     const { held, over, speed, complaint } = status;
-    byId("run").textContent = over ? "restart" : held ? "run" : "pause";
+    byId("run").textContent = over ? "again" : held ? "run" : "pause";
     byId("speed").value = speed === null ? "max" : String(speed);
     for (const id of ["step", "knock", "lift", "kill", "dim"]) byId(id).disabled = Boolean(over);
     const pill = byId("run-state");
@@ -113,7 +116,7 @@ export class Panel {
     const list = byId("events");
     for (const { t_s, text } of rows.flatMap((row) => row.events)) {
       const item = document.createElement("li");
-      item.textContent = `${t_s.toFixed(2)} s  ${text}`;
+      item.textContent = `${t_s.toFixed(2)} s  ${readable(text)}`;
       list.prepend(item);
     }
     while (list.children.length > MOST_EVENTS) list.lastChild.remove();

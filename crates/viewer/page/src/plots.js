@@ -6,7 +6,7 @@ import { colour, STATE_COLOURS } from "./colours.js";
 const PLOTS = [
   { name: "NCC", range: [0, 1], lines: [["with last image", "ncc_previous", "blue", "loss_ncc_previous"], ["with first image", "ncc_anchor", "orange", "loss_ncc_anchor"]] },
   { name: "tip error, mm (truth)", least: 1, lines: [["while tracking", "tip_error_mm", "turquoise"]] },
-  { name: "plane off the tip, mm (truth)", around: 1, lines: [["true distance", "plane_offset_mm", "turquoise"]] },
+  { name: "tip off the plane, mm (truth)", around: 1, lines: [["true distance", "plane_offset_mm", "turquoise"]] },
   { name: "contact force, N", least: 2, lines: [["measured", "force_n", "blue", "max_contact_force_n"]] },
 ];
 const EVERY_MS = 100;
@@ -60,7 +60,7 @@ export class Plots {
       width: Math.max(body.clientWidth, 50),
       height: Math.max(body.clientHeight, 40),
       legend: { show: false },
-      padding: [BAND_PX + 3, 6, 0, 0],
+      padding: [BAND_PX + 3, 14, 0, 0],
       cursor: { sync: { key: "time" }, y: false, drag: { x: false, y: false }, points: { size: 5 } },
       scales: { x: { time: false, range: (_, low, high) => [0, Math.max(4, high ?? 0)] }, y: { range } },
       axes: [{ ...axis, size: 18, gap: 2, values: (_, all) => all.map((s) => `${s} s`) }, { ...axis, size: 44, gap: 3, space: 22 }],

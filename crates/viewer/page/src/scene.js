@@ -7,13 +7,16 @@ import { colour } from "./colours.js";
 
 /** Drawn at most so often: the machine is the simulator's first. */
 const EVERY_MS = 80;
+/** Nothing nearer to the camera is drawn. */
+const NEAR_M = 5e-3;
 const NEEDLE_RADIUS_M = 6e-4;
 /** Housing of the probe: across its array, across the plane, along its axis. */
 const HOUSING_M = [8e-3, 20e-3, 70e-3];
 const VIEWS = {
   orbit: { from: [0.5, -1.15, 0.65], at: [-0.05, 0, 0.1] },
   near: { from: [0.12, -0.22, 0.12], at: [0, 0, -0.015] },
-  top: { from: [0, -0.001, 0.42], at: [0, 0, -0.02] },
+  // Without what stands above the phantom: the arm would hide it.
+  top: { from: [0, -0.001, 0.42], at: [0, 0, -0.02], near: 0.34 },
   side: { from: [0, -0.32, 0.0], at: [0, 0, 0.0] },
 };
 
@@ -32,10 +35,11 @@ export class Scene {
     const sun = new THREE.DirectionalLight(0xffffff, 1.6);
     sun.position.set(0.6, -1, 2);
     this.scene.add(sun);
-    this.camera = new THREE.PerspectiveCamera(40, 1, 0.005, 10);
+    this.camera = new THREE.PerspectiveCamera(40, 1, NEAR_M, 10);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.later());
+    this.controls.addEventListener("start", () => this.near(NEAR_M));
     this.view("near");
     new ResizeObserver(() => this.size()).observe(canvas.parentElement);
   }
@@ -52,7 +56,9 @@ export class Scene {
     this.phantom = this.makePhantom(about.phantom);
     this.probe = this.makeProbe(about.setting);
     this.needle = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshStandardMaterial({ color: 0x9aa7b3, metalness: 0.6, roughness: 0.35 }));
-    this.everything.add(this.phantom, this.probe, this.needle);
+    // What joins flange and housing; its shape is not told.
+    this.holder = new THREE.Mesh(new THREE.CylinderGeometry(0.012, 0.012, 1, 16).rotateX(Math.PI / 2), new THREE.MeshStandardMaterial({ color: 0x50575e }));
+    this.everything.add(this.phantom, this.probe, this.needle, this.holder);
     this.later();
   }
 
@@ -74,7 +80,7 @@ export class Scene {
     holder.add(robot);
     place(holder, spec.world_from_base);
     this.everything.add(holder);
-    return { robot, joints: spec.joints };
+    return { robot, joints: spec.joints, end: robot.links[spec.end_link] };
   }
 
   makePhantom({ size_m: [x, y, z], inclusions, target_in_world }) {
@@ -133,6 +139,15 @@ export class Scene {
     this.later();
   }
 
+  drawHolder() {
+    const flange = this.arm.end?.getWorldPosition(new THREE.Vector3());
+    if (!flange) return;
+    const housing = this.probe.localToWorld(new THREE.Vector3(0, 0, -HOUSING_M[2]));
+    this.holder.position.copy(flange).add(housing).multiplyScalar(0.5);
+    this.holder.scale.z = Math.max(flange.distanceTo(housing), 1e-4);
+    this.holder.lookAt(housing);
+  }
+
   drawNeedle() {
     const points = this.state.needle.map((p) => new THREE.Vector3(...p));
     this.needle.visible = points.length > 1;
@@ -155,8 +170,14 @@ export class Scene {
     }
     this.camera.position.set(...view.from);
     this.controls.target.set(...view.at);
+    this.near(view.near ?? NEAR_M);
     this.controls.update();
     this.later();
+  }
+
+  near(distance_m) {
+    this.camera.near = distance_m;
+    this.camera.updateProjectionMatrix();
   }
 
   size() {
@@ -177,6 +198,8 @@ export class Scene {
 
   draw() {
     if (this.state) {
+      this.everything.updateMatrixWorld(true);
+      this.drawHolder();
       this.drawNeedle();
       this.texture.needsUpdate = true;
     }
