@@ -39,6 +39,15 @@ fn serve(more: &[&str]) -> Served {
     Served { program, authority }
 }
 
+impl Served {
+    /// Ctrl-C; returns the exit code.
+    fn leave(mut self) -> Option<i32> {
+        let pid = rustix::process::Pid::from_child(&self.program.0);
+        rustix::process::kill_process(pid, rustix::process::Signal::INT).expect("a signal");
+        self.program.wait().code()
+    }
+}
+
 /// One browser: what it has been told so far.
 struct Browser {
     socket: WebSocketStream<MaybeTlsStream<TcpStream>>,
@@ -164,8 +173,7 @@ fn a_run_is_stepped_knocked_and_found_again_from_the_page_and_can_be_replayed() 
         assert_eq!(other.rows, browser.rows, "both have seen the same");
     });
     let run = folder.path().join("1");
-    common::wait_for("the files", || run.join("summary.json").exists().then_some(()));
-    drop(served);
+    assert!(served.leave().is_some_and(|code| code < 2), "the files are written before it ends");
     let replayed = sonoloop(&["replay", run.to_str().expect("plain path")]);
     assert_eq!(replayed.code(), 0, "{}{}", replayed.stdout, replayed.stderr);
     assert!(read(&run, "events.csv").contains("control"));
@@ -184,8 +192,7 @@ fn looking_changes_nothing() {
         other.until("the end", Browser::is_over).await;
         assert_eq!(browser.status["over"]["pass"], true);
     });
-    common::wait_for("the files", || watched.join("1/summary.json").exists().then_some(()));
-    drop(served);
+    assert_eq!(served.leave(), Some(0));
     let run = sonoloop(&["run", SCENARIO, "--json", "--out", alone.to_str().expect("plain path")]);
     assert_eq!(run.code(), 0, "{}", run.stderr);
     assert!(read(&watched.join("1"), "images.csv") == read(&alone, "images.csv"), "a watched run differs");
@@ -193,7 +200,7 @@ fn looking_changes_nothing() {
 
 #[test]
 fn nonsense_closes_its_own_socket_and_nothing_else() {
-    let mut served = serve(&[]);
+    let served = serve(&[]);
     wait(async {
         let authority = served.authority.as_str();
         let mut browser = Browser::open(authority).await;
@@ -245,7 +252,5 @@ fn nonsense_closes_its_own_socket_and_nothing_else() {
         browser.until("a lesson", |page| page.run == 3 && !page.rows.is_empty()).await;
         assert_eq!(browser.about["setting"]["view"], "transverse");
     });
-    let pid = rustix::process::Pid::from_child(&served.program.0);
-    rustix::process::kill_process(pid, rustix::process::Signal::INT).expect("a signal");
-    assert!(served.program.wait().code().is_some(), "Ctrl-C ends it");
+    assert_eq!(served.leave(), Some(0), "no run came to its end");
 }

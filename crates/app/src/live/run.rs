@@ -227,8 +227,8 @@ impl Relay<'_> {
                 self.starts = false;
                 observer.ask(&Control::Resume)?;
             }
-            // Before the first truth nothing can be asked.
-            while let Some(ask) = told.then(|| self.asks.try_recv().ok()).flatten() {
+            // Before the first truth nothing can be asked; the start comes first, so that it undoes nobody's pause.
+            while let Some(ask) = (told && !self.starts).then(|| self.asks.try_recv().ok()).flatten() {
                 match ask {
                     Ask::Control(control) => self.pass_on(&observer, control)?,
                     Ask::Restart(restart) => {

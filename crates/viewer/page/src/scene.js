@@ -51,6 +51,9 @@ export class Scene {
     this.everything = new THREE.Group();
     this.scene.add(this.everything);
     this.about = about;
+    // Nothing is anywhere before the first image.
+    this.state = null;
+    this.everything.visible = false;
     this.arm = this.robot(about.arm, 0xd8822e);
     this.needleRobot = about.needle_robot && this.robot(about.needle_robot, 0x6f8596);
     this.phantom = this.makePhantom(about.phantom);
@@ -133,6 +136,7 @@ export class Scene {
     place(this.probe, state.world_from_probe);
     this.phantom.position.set(...state.phantom_mm.map((mm) => mm / 1e3));
     this.state = state;
+    this.everything.visible = true;
     const turn = ({ robot, joints }, values) => joints.forEach((name, k) => robot.setJointValue(name, values[k]));
     turn(this.arm, state.arm_rad);
     if (this.needleRobot && state.needle_robot) turn(this.needleRobot, state.needle_robot);
