@@ -61,7 +61,7 @@ fn tracker_and_servo_never_reach_the_simulation() {
 #[test]
 fn only_wire_and_what_uses_it_depends_on_iceoryx2() {
     for (package, needs) in dependencies() {
-        let may = package == "sonoloop-wire" || package == "sonoloop";
+        let may = ["sonoloop-wire", "sonoloop-viewer", "sonoloop"].contains(&package.as_str());
         assert_eq!(needs.contains("iceoryx2"), may, "{package}");
     }
 }
@@ -72,4 +72,10 @@ fn the_world_knows_no_images_and_the_renderer_no_world() {
     assert!(!all["sonoloop-world"].contains("sonoloop-ultrasound"));
     assert!(!all["sonoloop-ultrasound"].contains("sonoloop-world"));
     assert!(!all["sonoloop-scenario"].contains("sonoloop-world"));
+    for simulation in ["sonoloop-world", "sonoloop-scenario", "sonoloop-ultrasound", "sonoloop-tracker"] {
+        assert!(
+            !all["sonoloop-viewer"].contains(simulation),
+            "the page shows what it is given: {simulation}"
+        );
+    }
 }

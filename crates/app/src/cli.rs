@@ -1,8 +1,10 @@
 //! The command line, as [`clap`] sees it.
 
+use std::net::IpAddr;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use sonoloop_wire::Control;
 
 use crate::track_recorded::TrackRecorded;
 use crate::tracker_args::TrackerArgs;
@@ -19,6 +21,7 @@ pub struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   sonoloop run scenarios/lateral_recovery.yaml --out out/recovery
+  sonoloop view scenarios/lateral_recovery.yaml
   sonoloop run scenarios/lateral_plain.yaml --seed 7 --set servo.dither_mm=0.2 --json
   sonoloop suite scenarios --seeds 10
   sonoloop render phantoms/gelatin_agar_heterogeneous.yaml --needle-angle-deg 40 --out picture.png
@@ -40,6 +43,15 @@ Examples:
   sonoloop track recording.mha --init localize --tracker baseline --out out/baseline
 
 Every option that is left out has its value from the profile. Not for clinical use.";
+
+const VIEW_EXAMPLES: &str = "\
+Examples:
+  sonoloop view scenarios/lateral_recovery.yaml
+  sonoloop view scenarios/lateral_plain.yaml --speed 0.5 --port 9000
+  sonoloop view scenarios/transverse_plain.yaml --set servo.dither_mm=0.2 --out out/watched
+
+Prints the page's address, and ends with Ctrl-C. The run waits at its first image for the first browser, and at its end for
+\"restart\". Only this machine can see the page unless --address says otherwise: there is no password. Not for clinical use.";
 
 const REPORT_EXAMPLES: &str = "\
 Examples:
@@ -74,6 +86,9 @@ pub enum Command {
     Suite(SuiteArgs),
     /// The simulator's half: wait for a tracker started elsewhere, then run
     Sim(SimArgs),
+    /// Show a run in the browser, live: pause, step, disturb, tune, restart; lessons
+    #[command(after_help = VIEW_EXAMPLES)]
+    View(ViewArgs),
     /// The tracker's half (--domain), or the tracker alone on recorded images (SEQUENCE --init U,V)
     #[command(after_help = TRACK_EXAMPLES)]
     Track(Box<TrackArgs>),
@@ -98,7 +113,7 @@ pub enum Command {
 }
 
 /// Which experiment, and what to change in it.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct ScenarioArgs {
     /// Scenario file
     pub file: PathBuf,
@@ -181,6 +196,40 @@ pub struct SimArgs {
     /// Seconds to wait for a tracker
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     pub wait_s: u64,
+}
+
+/// Arguments of `view`.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// The experiment.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+    /// Port of the page; 0 for any that is free
+    #[arg(long, default_value_t = 8400)]
+    pub port: u16,
+    /// Address to listen on; whoever reaches it may steer the run
+    #[arg(long, default_value = "127.0.0.1")]
+    pub address: IpAddr,
+    /// Simulated seconds per second, 0.01 to 1000, or "max" for as fast as it goes; the page can change it
+    #[arg(long, default_value = "1", value_parser = speed)]
+    pub speed: Speed,
+    /// Folder of lessons: a Markdown file and a scenario of the same name each
+    #[arg(long, value_name = "DIR", default_value = "lessons")]
+    pub lessons: PathBuf,
+    /// Folder for the files of every run that comes to its end, as `run --out` writes them: DIR/1, DIR/2, …
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// Simulated seconds per second; `None` for as fast as it goes.
+pub type Speed = Option<f64>;
+
+fn speed(text: &str) -> Result<Speed, String> {
+    let json = if text == "max" { "null" } else { text };
+    match Control::decode(format!(r#"{{"speed": {json}}}"#).as_bytes())? {
+        Control::Speed(speed) => Ok(speed),
+        _ => Err("no speed".into()),
+    }
 }
 
 /// Arguments of `track`.

@@ -1,7 +1,7 @@
 //! The `sonoloop` program: what joins the crates into runs, files and a command line.
 //!
 //! [`session`] is the loop itself; [`peer`] and [`remote`] are the two ways to a tracker; [`controller`] is tracker and
-//! servo joined; [`judge`] turns a recording into metrics and a verdict; [`output`] writes files, [`report`] makes a page of
+//! servo joined; [`live`] shows a run in the browser; [`judge`] turns a recording into metrics and a verdict; [`output`] writes files, [`report`] makes a page of
 //! them in the form that [`page`] gives to all reports, and [`replay`] runs them again.
 
 use std::process::ExitCode;
@@ -17,12 +17,14 @@ pub mod first_fix;
 mod frozen;
 mod garbage;
 pub mod judge;
+pub mod live;
 pub mod null;
 pub mod output;
 pub mod page;
 mod paper;
 pub mod paths;
 pub mod peer;
+pub mod posture;
 pub mod progress;
 pub mod record;
 pub mod remote;

@@ -5,7 +5,7 @@ use sonoloop_scenario::Scenario;
 use sonoloop_types::{TICKS_PER_SECOND, TrackState};
 
 use crate::record::ImageRow;
-use crate::session::Watch;
+use crate::session::{Shown, Watch};
 
 /// A bar over the insertion: depth from the start to the target, with state and NCC. Hidden when standard error is
 /// no terminal.
@@ -33,7 +33,7 @@ impl Progress {
 }
 
 impl Watch for Progress {
-    fn image(&mut self, row: &ImageRow) {
+    fn image(&mut self, row: &ImageRow, _shown: &Shown) {
         self.bar.set_position(((row.truth.depth_m - self.start_m) * 1e6).max(0.0) as u64);
         let time_s = row.acquisition.acquisition_tick as f64 / TICKS_PER_SECOND as f64;
         let state = match row.state() {

@@ -10,7 +10,7 @@ use crate::output::{IMAGE_COLUMNS, Summary, image_line, snake};
 use crate::peer::{InProcess, NoTracker, Peer, TrackerName};
 use crate::record::ImageRow;
 use crate::report::{FilesError, parse_csv, read_summary, read_text};
-use crate::session::{Session, Watch, kills_tracker};
+use crate::session::{Session, Shown, Watch, kills_tracker};
 
 /// A recording cannot be compared.
 #[derive(Debug, thiserror::Error)]
@@ -160,8 +160,8 @@ struct Images<'a> {
 }
 
 impl Watch for Images<'_> {
-    fn image(&mut self, row: &ImageRow) {
-        self.watch.image(row);
+    fn image(&mut self, row: &ImageRow, shown: &Shown) {
+        self.watch.image(row, shown);
         let Some(was) = self.recorded.get(self.next) else { return };
         self.next += 1;
         if self.difference.is_none() {

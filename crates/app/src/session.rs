@@ -19,6 +19,7 @@ use crate::clock::Clock;
 use crate::garbage::garbage;
 use crate::output::snake;
 use crate::peer::{Answer, Peer, PeerError};
+use crate::posture::Posture;
 use crate::record::{ImageRow, ImageStore, Recording, TickRow, Timing, image_hash};
 use crate::steering::Request;
 
@@ -28,7 +29,7 @@ const REST_TICKS: u64 = 400;
 /// Somebody who watches a run, and may hold or disturb it.
 pub trait Watch {
     /// After each picture (with its answer, when there is one).
-    fn image(&mut self, row: &ImageRow);
+    fn image(&mut self, row: &ImageRow, shown: &Shown);
     /// Before each picture is taken; returns when it may be. What was asked for meanwhile is added to the requests.
     fn before_image(&mut self, _truth: &Truth, _requests: &mut Vec<Request>) -> Result<(), PeerError> {
         Ok(())
@@ -39,11 +40,21 @@ pub trait Watch {
     }
 }
 
+/// A picture that was handed out, and what stood where when it was taken.
+pub struct Shown<'a> {
+    /// The picture.
+    pub image: &'a Image,
+    /// Robots, needle and phantom.
+    pub posture: &'a Posture,
+    /// All that has happened in the run so far.
+    pub events: &'a [Event],
+}
+
 /// Watches nothing.
 pub struct Nobody;
 
 impl Watch for Nobody {
-    fn image(&mut self, _row: &ImageRow) {}
+    fn image(&mut self, _row: &ImageRow, _shown: &Shown) {}
 }
 
 /// A picture on its way to the tracker.
@@ -53,6 +64,7 @@ struct InFlight {
     hash: u64,
     truth: Truth,
     acquisition: Acquisition,
+    posture: Posture,
 }
 
 /// Whether the tracker answers.
@@ -318,6 +330,7 @@ impl Session {
             image,
             truth: self.world.truth(),
             acquisition: self.world.acquisition(sequence),
+            posture: Posture::of(&self.world, &slice),
         }
     }
 
@@ -356,7 +369,7 @@ impl Session {
                 self.world.refuse(stray.answers, refusal);
             }
         }
-        watch.image(&row);
+        watch.image(&row, &Shown { image: &due.image, posture: &due.posture, events: &recording.events });
         if let Some(pixels) = &mut recording.pixels {
             pixels
                 .push(&due.image)

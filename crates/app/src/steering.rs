@@ -1,5 +1,7 @@
 //! Observers of a run: they are told the truth, and may hold, slow and disturb the run.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use sonoloop_types::{TICKS_PER_SECOND, Truth};
@@ -30,6 +32,8 @@ pub struct Steering {
     /// Images until the run is held; `None` for a run that goes on.
     images_left: Option<u32>,
     pace: Option<Pace>,
+    /// Set when the run is to be left, also while it is held.
+    left: Arc<AtomicBool>,
 }
 
 /// A run bound to the clock.
@@ -43,7 +47,17 @@ impl Steering {
     /// Makes the domain. Its name is for observers only.
     pub fn create(run_id: u64) -> Result<Self, WireError> {
         let host = ObserverHost::create(&Domain::create()?, run_id)?;
-        Ok(Self { host, images_left: None, pace: None })
+        Ok(Self { host, images_left: None, pace: None, left: Arc::default() })
+    }
+
+    /// Lets the run begin at a pace (as [`Control::Speed`]), and held after its first image.
+    pub fn beginning(self, speed: Option<f64>, held: bool) -> Self {
+        Self { pace: speed.map(|speed| Pace::new(speed, 0)), images_left: held.then_some(1), ..self }
+    }
+
+    /// A flag that ends the run, held or not.
+    pub fn leave(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.left)
     }
 
     /// The domain that observers join.
@@ -59,6 +73,9 @@ impl Steering {
         }
         let mut told = false;
         loop {
+            if self.left.load(Ordering::Relaxed) {
+                return Err(PeerError::Interrupted);
+            }
             let held = self.images_left == Some(0);
             if held && !told {
                 self.host.publish(truth, true).map_err(fault)?;

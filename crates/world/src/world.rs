@@ -335,6 +335,13 @@ impl World {
     pub fn joint_angles_rad(&self) -> [f64; 6] {
         *self.state.arm.angles_rad()
     }
+
+    /// Joints of the needle robot, metres for the three slides and radians for the two turns, for pictures of it; `None`
+    /// where a hand inserts.
+    pub fn needle_robot_joints(&self) -> Option<[f64; 5]> {
+        let robot = self.model.scenario.insertion.hand.is_none();
+        robot.then(|| self.model.needle_robot.joints_at(self.state.feed.depth_m))
+    }
 }
 
 /// Where a point of the resting phantom is now.

@@ -17,7 +17,7 @@ mod view;
 use crate::cli::Command;
 use crate::error::{AppError, Outcome};
 
-pub use run::{Finished, execute_in_process, run_id};
+pub use run::{Finished, VERSION, execute_in_process, judge, run_id};
 
 /// Does what the command line asks.
 pub fn dispatch(command: Command) -> Result<Outcome, AppError> {
@@ -25,6 +25,7 @@ pub fn dispatch(command: Command) -> Result<Outcome, AppError> {
         Command::Run(args) => run::run(&args),
         Command::Suite(args) => suite::suite(&args),
         Command::Sim(args) => sim::sim(&args),
+        Command::View(args) => crate::live::view(&args),
         Command::Track(args) => track::track(&args),
         Command::Render(args) => render::render(&args),
         Command::Check(args) => check::check(&args),

@@ -17,7 +17,7 @@ use crate::record::{ImageRow, ImageStore, Recording};
 use crate::remote::{Remote, TrackerProcess};
 use crate::say::say;
 use crate::scenarios::prepare;
-use crate::session::{Nobody, Session, Watch, kills_tracker};
+use crate::session::{Nobody, Session, Shown, Watch, kills_tracker};
 use crate::steering::{Request, Steering};
 
 /// A run that is over, judged.
@@ -91,8 +91,8 @@ struct Watchers {
 }
 
 impl Watch for Watchers {
-    fn image(&mut self, row: &ImageRow) {
-        self.progress.image(row);
+    fn image(&mut self, row: &ImageRow, shown: &Shown) {
+        self.progress.image(row, shown);
     }
 
     fn before_image(&mut self, truth: &Truth, requests: &mut Vec<Request>) -> Result<(), PeerError> {
@@ -162,7 +162,8 @@ pub fn finish(
     Ok(if passes(&judged) { Outcome::Pass } else { Outcome::Fail })
 }
 
-fn judge(scenario: &Scenario, recording: &Recording) -> (Metrics, Vec<Judged>) {
+/// The metrics of a run, and how they compare with what its scenario expects.
+pub fn judge(scenario: &Scenario, recording: &Recording) -> (Metrics, Vec<Judged>) {
     let metrics = metrics(recording, &Facts::of(scenario));
     let judged = verdict(&metrics, &scenario.expect);
     (metrics, judged)
