@@ -145,8 +145,9 @@ fn a_run_is_stepped_knocked_and_found_again_from_the_page_and_can_be_replayed() 
     let served = serve(&["--speed", "max", "--out", folder.path().to_str().expect("plain path")]);
     wait(async {
         let mut browser = Browser::open(&served.authority).await;
+        browser.until("the start", |page| page.rows.len() > 1 && !page.is_held()).await;
         browser.ask(json!({"control": "pause"})).await;
-        browser.until("held by hand", |page| page.rows.len() > 1 && page.is_held()).await;
+        browser.until("held by hand", Browser::is_held).await;
         let held = browser.rows.len();
         assert_eq!(browser.pixels, 384 * 480, "the aperture's columns");
         for k in 1..=3 {
@@ -204,8 +205,9 @@ fn nonsense_closes_its_own_socket_and_nothing_else() {
     wait(async {
         let authority = served.authority.as_str();
         let mut browser = Browser::open(authority).await;
+        browser.until("the start", |page| page.rows.len() > 1 && !page.is_held()).await;
         browser.ask(json!({"control": "pause"})).await;
-        browser.until("held by hand", |page| page.rows.len() > 1 && page.is_held()).await;
+        browser.until("held by hand", Browser::is_held).await;
 
         for nonsense in [r#"{"halt": 1}"#, "{", r#"{"control": {"speed": 0}}"#] {
             let code = Browser::open(authority).await.closed_after(Message::text(nonsense)).await;
