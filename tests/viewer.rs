@@ -149,7 +149,10 @@ fn a_run_is_stepped_knocked_and_found_again_from_the_page_and_can_be_replayed() 
         browser.ask(json!({"control": "pause"})).await;
         browser.until("held by hand", Browser::is_held).await;
         let held = browser.rows.len();
-        assert_eq!(browser.pixels, 384 * 480, "the aperture's columns");
+        let setting = &browser.about["setting"];
+        let columns = setting["columns_px"].as_array().map(|ends| ends[1].as_u64().zip(ends[0].as_u64()));
+        let (right, left) = columns.flatten().expect("columns");
+        assert_eq!(browser.pixels as u64, (right - left) * 480, "the columns that the aperture reaches");
         for k in 1..=3 {
             browser.ask(json!({"control": {"step": 1}})).await;
             browser.until("a step", |page| page.rows.len() >= held + k && page.is_held()).await;
