@@ -145,10 +145,14 @@ fn a_run_is_stepped_knocked_and_found_again_from_the_page_and_can_be_replayed() 
     let served = serve(&["--speed", "max", "--out", folder.path().to_str().expect("plain path")]);
     wait(async {
         let mut browser = Browser::open(&served.authority).await;
+        browser.until("the start", |page| page.rows.len() > 1 && !page.is_held()).await;
         browser.ask(json!({"control": "pause"})).await;
-        browser.until("held by hand", |page| page.rows.len() > 1 && page.is_held()).await;
+        browser.until("held by hand", Browser::is_held).await;
         let held = browser.rows.len();
-        assert_eq!(browser.pixels, 384 * 480, "the aperture's columns");
+        let setting = &browser.about["setting"];
+        let columns = setting["columns_px"].as_array().map(|ends| ends[1].as_u64().zip(ends[0].as_u64()));
+        let (right, left) = columns.flatten().expect("columns");
+        assert_eq!(browser.pixels as u64, (right - left) * 480, "the columns that the aperture reaches");
         for k in 1..=3 {
             browser.ask(json!({"control": {"step": 1}})).await;
             browser.until("a step", |page| page.rows.len() >= held + k && page.is_held()).await;
@@ -204,8 +208,9 @@ fn nonsense_closes_its_own_socket_and_nothing_else() {
     wait(async {
         let authority = served.authority.as_str();
         let mut browser = Browser::open(authority).await;
+        browser.until("the start", |page| page.rows.len() > 1 && !page.is_held()).await;
         browser.ask(json!({"control": "pause"})).await;
-        browser.until("held by hand", |page| page.rows.len() > 1 && page.is_held()).await;
+        browser.until("held by hand", Browser::is_held).await;
 
         for nonsense in [r#"{"halt": 1}"#, "{", r#"{"control": {"speed": 0}}"#] {
             let code = Browser::open(authority).await.closed_after(Message::text(nonsense)).await;
