@@ -156,7 +156,7 @@ impl Beam {
 
     /// The longest pulse's σ.
     pub fn most_sigma_axial_m(&self) -> f64 {
-        self.sigma_axial_m * self.lens.most()[0]
+        self.sigma_axial_m * self.lens.most[0]
     }
 
     /// Two-way −6 dB thickness of the slice at a depth.
@@ -213,7 +213,7 @@ impl Beam {
     /// The most that [`Self::widening`] can be.
     pub fn most_widening(&self, half_width_m: f64, deepest_m: f64) -> f64 {
         let focus = if self.probe.transmit_focus_m.is_some() { core::f64::consts::SQRT_2 } else { 1.0 };
-        self.widening(half_width_m, deepest_m) / self.defocus(deepest_m) * focus * self.lens.most()[1]
+        self.widening(half_width_m, deepest_m) / self.defocus(deepest_m) * focus * self.lens.most[1]
     }
 
     /// Factor from a level over speckle, as a needle states it, to the echo's peak at this place.

@@ -42,6 +42,8 @@ const FACTORS: [f64; 2] = [0.75, 1.5];
 pub struct Lens {
     /// Length of the pulse, and width of the lateral beam, over those at the focus, every [`STEP_M`].
     factors: Vec<[f64; 2]>,
+    /// The most of either factor, asked for with every picture, and in the direct sum with every scatterer.
+    pub most: [f64; 2],
 }
 
 impl Lens {
@@ -69,7 +71,9 @@ impl Lens {
                 })
             })
             .collect();
-        Self { factors: smoothed(&sharp) }
+        let factors = smoothed(&sharp);
+        let most = factors.iter().fold([1.0; 2], |most: [f64; 2], f| [most[0].max(f[0]), most[1].max(f[1])]);
+        Self { factors, most }
     }
 
     /// Interpolated between the depths of the table.
@@ -88,11 +92,6 @@ impl Lens {
     /// Width of the lateral beam at a depth over that at the focus.
     pub fn lateral(&self, depth_m: f64) -> f64 {
         self.at(depth_m, 1)
-    }
-
-    /// The most of either factor.
-    pub fn most(&self) -> [f64; 2] {
-        self.factors.iter().fold([1.0; 2], |most, f| [most[0].max(f[0]), most[1].max(f[1])])
     }
 }
 
@@ -135,8 +134,8 @@ fn measure(probe: &ProbeSpec, vergence_per_m: f64) -> [f64; 2] {
         });
         libm::hypot(sum[0], sum[1])
     };
-    let level = covariance(0) * core::f64::consts::FRAC_1_SQRT_2;
     let mut above = covariance(0);
+    let level = above * core::f64::consts::FRAC_1_SQRT_2;
     for lag in 1..LAGS {
         let below = covariance(lag);
         if below < level {
