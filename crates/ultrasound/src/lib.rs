@@ -95,6 +95,6 @@ mod table;
 mod tape;
 mod warp;
 
-pub use renderer::{Field, Renderer};
+pub use renderer::{Field, Renderer, draw_on_this_thread};
 use sonoloop_simd as instructions;
 pub use sonoloop_simd::Instructions;

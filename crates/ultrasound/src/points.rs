@@ -28,7 +28,7 @@ const TASK_BANDS: usize = 2;
 /// Parts of the lattice's rows that are listed at a time; fixed, though results do not depend on it.
 const PARTS: usize = 8;
 /// 0, 1, 2, … as far as anything is counted in loops.
-const STEPS: usize = 128;
+const STEPS: usize = 320;
 
 /// A column of the lattice, and how far its tissue has moved.
 pub struct Column {
@@ -181,7 +181,9 @@ impl Points {
                 by_line.clear();
                 by_line.resize((BAND + 2) * 2 * len, 0.0);
                 let (first_line, drift_rows) = ((index * BAND) as i32, beam.grain.drift_rows);
-                let place = Place { flow: &flow, tape, warp, tissue, drift_rows, first_line };
+                let tapes: Vec<&[u32]> =
+                    warp.class.iter().map(|&class| &*tape.strained(class).samples).collect();
+                let place = Place { flow: &flow, tape, tapes: &tapes, warp, tissue, drift_rows, first_line };
                 for part in parts {
                     for &column in &part.by_band[index] {
                         let column = &part.columns[column as usize];

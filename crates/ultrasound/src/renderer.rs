@@ -31,6 +31,12 @@ use crate::{
 /// Display rows per task; fixed, so that results do not depend on the number of threads.
 const TASK_ROWS: usize = 120;
 
+/// Makes the calling thread one of those that draw, for a program whose one thread asks for all pictures: nothing is handed
+/// over, and it does not sleep meanwhile. To be called before anything is drawn; it changes nothing after that.
+pub fn draw_on_this_thread() {
+    let _ = rayon::ThreadPoolBuilder::new().use_current_thread().build_global();
+}
+
 /// Renders pictures of one needle in one phantom through one probe.
 ///
 /// The model (probe, needle, tissue, scatterers) does not change after [`Renderer::new`]; what else it holds

@@ -5,9 +5,9 @@
 //! goes on evenly. Where they do not, they are added one by one.
 
 use crate::{
-    columns::{Columns, Range},
+    columns::{Columns, Layer},
     fast::{exp_minus, nearest, turn},
-    instructions::{nearest_f32, prefetch, wide},
+    instructions::{nearest_f32, wide},
     lattice::TAPE_LENGTH,
     points::{Column, Flow},
     splat::BAND,
@@ -17,14 +17,20 @@ use crate::{
 
 /// Scatterers from one knot to the next, and knots of the longest run.
 pub const KNOT: usize = 8;
-pub const LONGEST: usize = 8;
+pub const LONGEST: usize = 32;
 /// Rows of the longest run.
-const ROWS: usize = (LONGEST + 2) * KNOT;
+const ROWS: usize = STRIDES * KNOT;
+/// Strides of the longest run, whose rows may be stretched.
+const STRIDES: usize = LONGEST + 3;
+/// Scatterers by which a stride may start before where a run's first stride has it.
+const EARLIER: i32 = 8;
 /// What a run may do at most, over [`crate::beam::Grain::drift_rows`]: rows by which its middle lies off the line between
 /// its ends (a tenth of a radian of the carrier), lines by which it drifts, metres by which its middle is off in elevation.
 const BEND_ROWS: f32 = 1.0 / 8.0;
 const DRIFT_LINES: f32 = 5.0 / 3.0;
 const BEND_M: f32 = 0.1e-3;
+/// Knots from which on a stretch is looked at a quarter from its ends.
+const QUARTERED: usize = 8;
 
 /// Where knots, or scatterers, of a column are.
 #[derive(Default)]
@@ -41,6 +47,8 @@ pub struct Knots {
 pub struct Place<'a> {
     pub flow: &'a Flow,
     pub tape: &'a BakedTape,
+    /// The samples of every [`KNOT`] rows' class of the strain.
+    pub tapes: &'a [&'a [u32]],
     pub warp: &'a Warp,
     pub tissue: &'a Columns,
     pub drift_rows: f32,
@@ -88,7 +96,7 @@ pub fn add_column(
             continue;
         }
         let begin = above.unwrap_or_else(|| place.warp.at(knots.row[from]));
-        stretch.count = if stretch.count == LONGEST { LONGEST } else { 1 };
+        stretch.count = 1 << stretch.count.ilog2();
         let mut ends = place.ends(knots, stretch, begin);
         let mut is_straight = place.is_straight(knots, stretch, &ends);
         while !is_straight && stretch.count > 1 {
@@ -104,16 +112,11 @@ pub fn add_column(
         }
         from += stretch.count;
         above = Some(ends.below);
-        if stretch.count < LONGEST && !place.shows(knots, stretch) {
+        if !place.shows(knots, stretch) {
             continue;
         }
         if is_straight {
-            if let Some(run) = place.run(column, knots, stretch, &ends) {
-                // By the time that all runs of the column are known, their tape is there.
-                let samples = &place.tape.strained(run.class).samples[run.tape..];
-                prefetch(&samples[..run.hi - run.lo]);
-                runs.push(run);
-            }
+            runs.extend(place.run(column, knots, stretch, &ends));
         } else if apart.from + apart.count == stretch.from {
             apart.count += stretch.count;
         } else {
@@ -131,11 +134,13 @@ pub fn add_column(
 pub struct Run {
     lo: usize,
     hi: usize,
-    /// Scatterer whose tape is read at row `lo`.
-    first: i64,
-    class: i32,
-    /// Index into the tape of that class.
-    tape: usize,
+    /// Scatterer of row `lo`, and its place on the tape.
+    first: i32,
+    sample: i32,
+    /// Row minus number of the scatterer in the middle of the first stride, in delays of the tape, and by how much it grows per
+    /// stride.
+    delays: f32,
+    delays_per_stride: f32,
     /// Phase at row `lo`, and what it grows by per row.
     turns: f32,
     turns_per_row: f32,
@@ -192,11 +197,23 @@ impl Place<'_> {
             (values[from + count / 2] - 0.5 * (a + b)).abs()
         };
         let most = self.drift_rows;
-        (ends.below - ends.above - (count * KNOT) as f32).abs() <= most
+        (ends.below - ends.above - (count * KNOT) as f32).abs() <= most * count as f32
             && (right - left).abs() <= most * DRIFT_LINES
             && ends.bend.abs() <= most * BEND_ROWS
+            && (count < QUARTERED || self.is_parabola(knots, Stretch { from, count }, ends))
             && (count == 1 || bend(&knots.line) <= most * DRIFT_LINES)
             && (count == 1 || bend(&knots.e_m) <= most * BEND_M)
+    }
+
+    /// Whether a stretch bends one way only: what its middle says holds a quarter from its ends as well.
+    #[inline]
+    fn is_parabola(&self, knots: &Knots, Stretch { from, count }: Stretch, ends: &Ends) -> bool {
+        let off = |quarters: usize| {
+            let share = 0.25 * quarters as f32;
+            let line = ends.above + share * (ends.below - ends.above);
+            self.warp.at(knots.row[from + count * quarters / 4]) - line - 0.75 * ends.bend
+        };
+        off(1).abs().max(off(3).abs()) <= self.drift_rows * BEND_ROWS
     }
 
     /// Rows of the warp that a stretch fills.
@@ -210,7 +227,7 @@ impl Place<'_> {
 
     #[inline]
     fn run(&self, column: &Column, knots: &Knots, stretch: Stretch, ends: &Ends) -> Option<Run> {
-        let Self { flow, tape, warp, first_line, .. } = *self;
+        let Self { flow, tape, first_line, .. } = *self;
         let [lo, hi] = self.rows(ends);
         let Stretch { from, count } = stretch;
         let both = |values: &[f32]| (values[from], values[from + count]);
@@ -229,27 +246,26 @@ impl Place<'_> {
         let bend = bend * (2.0 / 3.0);
         let numbers = ((from * KNOT) as f32, ((from + count) * KNOT) as f32);
         let shifts = (above - numbers.0 + bend, below - numbers.1 + bend);
-        let shift = f64::from(at(shifts, middle));
-        let (sub_delays, per_row) = (tape.sub_delays as i64, tape.sub_delays as f64);
-        let delays = nearest(shift * per_row) + sub_delays / 2;
-        // The whole part of delays/sub_delays: exact, as the fraction is never half a row from the middle of one.
-        let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) * (1.0 / per_row));
-        let sub_delay = delays - row_of_0 * sub_delays;
-        let first = lo as i64 - row_of_0;
-        // Where the first scatterer really is.
-        let past = (shift - row_of_0 as f64) as f32;
-        let row_of_first = first as f64 + f64::from(at(shifts, lo as f32 + past));
-        let sample = (column.tape as i64 + first) & (TAPE_LENGTH as i64 - 1);
-        let turns = -flow.turns_per_row * (row_of_first - sample as f64);
+        let shift_per_row = per_warped * (shifts.1 - shifts.0);
+        let shift = at(shifts, lo as f32);
+        let per_row = tape.sub_delays as f32;
+        let delays = per_row * (shift + 0.5 * (KNOT as f32 - 1.0) * shift_per_row);
+        let (row_of_0, _) = tape.split(nearest_f32(delays));
+        let first = lo as i32 - row_of_0;
+        // Not before the tape's beginning, if a later stride starts somewhat earlier than this one has it.
+        let sample = ((column.tape as i32 + first - EARLIER) & (TAPE_LENGTH as i32 - 1)) + EARLIER;
+        // Minus the carrier's turns down to where the scatterer is, but for those that the tape has in it.
+        let turns = -flow.turns_per_row * (f64::from(shift) + f64::from(first - sample));
         let e_ends = both(&knots.e_m);
         Some(Run {
             lo,
             hi,
             first,
-            class: warp.class[(lo + hi) / (2 * KNOT)],
-            tape: sub_delay as usize * tape.stride + sample as usize,
+            sample,
+            delays,
+            delays_per_stride: per_row * KNOT as f32 * shift_per_row,
             turns: (turns - nearest(turns) as f64) as f32,
-            turns_per_row: -(flow.turns_per_row as f32) * per_warped * (shifts.1 - shifts.0),
+            turns_per_row: -(flow.turns_per_row as f32) * shift_per_row,
             e_m: at(e_ends, lo as f32),
             e_per_row: per_warped * (e_ends.1 - e_ends.0),
             line: line_at_hand,
@@ -321,10 +337,20 @@ impl Place<'_> {
 wide! {
     /// Adds a run. Loops over several arrays side by side, without branches: they vectorise.
     fn add_run(place: &Place, column: &Column, run: &Run, lines: &mut [f32]) {
-        let Run { lo, hi, first, class, tape, turns, turns_per_row, e_m, e_per_row, line, share } = *run;
+        let Run { lo, hi, first, sample, turns, turns_per_row, e_m, e_per_row, line, share, .. } = *run;
         let (count, size) = (hi - lo, place.warp.len());
-        let (layers, materials) =
-            place.tissue.between(column.layers, first as i32, (first + count as i64) as i32);
+        // Of each stride: its first scatterer, and where on the tape it is.
+        let (mut numbers, mut places) = ([0; STRIDES], [0; STRIDES]);
+        let strides = count / KNOT;
+        let (numbers, places) = (&mut numbers[..strides], &mut places[..strides]);
+        for (stride, (number, at)) in numbers.iter_mut().zip(&mut *places).enumerate() {
+            let delays = nearest_f32(run.delays + run.delays_per_stride * stride as i32 as f32);
+            let (row_of_0, sub_delay) = place.tape.split(delays);
+            *number = (lo + stride * KNOT) as i32 - row_of_0;
+            *at = (sub_delay as usize * place.tape.stride) as i32 + sample + *number - first;
+        }
+        let (Some(&from), Some(&to)) = (numbers.first(), numbers.last()) else { return };
+        let (layers, materials) = place.tissue.between(column.layers, from, to + KNOT as i32);
         let one = match materials {
             [] => return,
             &[layer] => Some(place.tissue.filling(layer).amplitude),
@@ -346,11 +372,10 @@ wide! {
             weights[..((-first) as usize).min(count)].fill(0.0);
         }
         if one.is_none() {
-            mix(place.tissue, layers, first as i32, weights);
+            mix(place.tissue, place.tissue.layers(layers), numbers, weights);
         }
         let amplitude = one.unwrap_or(1.0);
         let [a, b] = [amplitude * (1.0 - share), amplitude * share];
-        let samples = &place.tape.strained(class).samples[tape..][..count];
         let (left, right) = lines[line * 2 * size..][..4 * size].split_at_mut(2 * size);
         let (left_re, left_im) = left.split_at_mut(size);
         let (right_re, right_im) = right.split_at_mut(size);
@@ -361,7 +386,8 @@ wide! {
             [*cos, *sin] = turn(turns + turns_per_row * step);
         }
         add(
-            samples,
+            &place.tapes[lo / KNOT..],
+            places,
             weights,
             [cos, sin],
             turn(turns_per_row * KNOT as f32),
@@ -374,25 +400,34 @@ wide! {
     }
 }
 
-/// Multiplies by the amplitudes of several materials.
+/// Multiplies by the amplitudes of several materials; strides begin with scatterers of these numbers, in ascending order.
 #[inline(always)]
-fn mix(tissue: &Columns, layers: Range, first: i32, weights: &mut [f32]) {
-    let mut from = 0;
-    for &layer in tissue.layers(layers) {
-        let to = (layer.end.saturating_sub(first).max(0) as usize).min(weights.len());
-        let amplitude = tissue.filling(layer).amplitude;
-        if to > from {
-            weights[from..to].iter_mut().for_each(|weight| *weight *= amplitude);
-            from = to;
+fn mix(tissue: &Columns, layers: &[Layer], numbers: &[i32], weights: &mut [f32]) {
+    let (first, last) = (numbers[0], numbers.len() - 1);
+    let (mut from, mut stride) = (0, 0);
+    for &layer in layers {
+        // The last stride that begins before the layer's end, next to where it were in tissue at rest.
+        stride = ((layer.end.saturating_sub(first) / KNOT as i32).max(0) as usize).clamp(stride, last);
+        while stride > 0 && numbers[stride] >= layer.end {
+            stride -= 1;
         }
+        while stride < last && numbers[stride + 1] < layer.end {
+            stride += 1;
+        }
+        let scatterers = layer.end.saturating_sub(numbers[stride]).clamp(0, KNOT as i32) as usize;
+        let to = (stride * KNOT + scatterers).max(from);
+        let amplitude = tissue.filling(layer).amplitude;
+        weights[from..to].iter_mut().for_each(|weight| *weight *= amplitude);
+        from = to;
     }
 }
 
-/// Adds samples whose phases start with `cos` and `sin`, and turn by another angle from each stride to the next.
+/// Adds the samples at some places, whose phases start with `cos` and `sin`, and turn by another angle from each stride to the next.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "six streams and their factors")]
 fn add(
-    samples: &[u32],
+    tapes: &[&[u32]],
+    places: &[i32],
     weights: &[f32],
     [mut cos, mut sin]: [[f32; KNOT]; 2],
     [cos_step, sin_step]: [f32; 2],
@@ -402,14 +437,18 @@ fn add(
     right_re: &mut [f32],
     right_im: &mut [f32],
 ) {
-    let (samples, weights) = (samples.as_chunks::<KNOT>().0, weights.as_chunks::<KNOT>().0);
+    let weights = weights.as_chunks::<KNOT>().0;
     let (left_re, left_im) = (left_re.as_chunks_mut::<KNOT>().0, left_im.as_chunks_mut::<KNOT>().0);
     let (right_re, right_im) = (right_re.as_chunks_mut::<KNOT>().0, right_im.as_chunks_mut::<KNOT>().0);
     let left = left_re.iter_mut().zip(left_im);
     let right = right_re.iter_mut().zip(right_im);
-    for (((samples, weights), (left_re, left_im)), (right_re, right_im)) in
-        samples.iter().zip(weights).zip(left).zip(right)
+    for ((((&place, tape), weights), (left_re, left_im)), (right_re, right_im)) in
+        places.iter().zip(tapes).zip(weights).zip(left).zip(right)
     {
+        let Some(samples) = tape.get(place as usize..).and_then(|samples| samples.first_chunk::<KNOT>())
+        else {
+            return;
+        };
         // Arrays of their own before any output is written: it might be one of the inputs as far as the compiler knows.
         let (mut re, mut im) = ([0.0; KNOT], [0.0; KNOT]);
         for i in 0..KNOT {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::{
     beam::Beam,
     fast::nearest,
-    instructions::{Instructions, wide},
+    instructions::{Instructions, nearest_f32, wide},
     lattice::TAPE_LENGTH,
     shear::Shear,
 };
@@ -19,7 +19,7 @@ pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 /// than a sine per sample, and stay in the caches.
 const STRETCH: usize = 64;
 /// Rows that columns may have at least.
-const LEAST_ROWS: usize = 128;
+const LEAST_ROWS: usize = 256;
 /// Samples filtered together.
 const BLOCK: usize = 16;
 
@@ -142,6 +142,17 @@ impl BakedTape {
             .par_chunks_mut(stride)
             .zip(filters)
             .for_each(|(samples, filter)| filter_samples(instructions, samples, modulated, filter));
+    }
+
+    /// Whole rows of so many delays, and which sub-delay is left: the one next to zero stands for none, see
+    /// [`delay_filters`].
+    #[inline(always)]
+    pub fn split(&self, delays: i32) -> (i32, i32) {
+        let (sub_delays, per_row) = (self.sub_delays as i32, self.sub_delays as f32);
+        let delays = delays + sub_delays / 2;
+        // The whole part of delays/sub_delays: the fraction is never half a row from the middle of one.
+        let rows = nearest_f32((delays as f32 - (per_row - 1.0) / 2.0) * (1.0 / per_row));
+        (rows, delays - rows * sub_delays)
     }
 
     /// Class of a strain.

@@ -39,8 +39,8 @@ pub struct Warp {
     pub class: Vec<i32>,
     /// What the carrier's phase there takes from that of as many rows at rest.
     turn: Vec<[f32; 2]>,
-    /// Where each row of the grid, from −[`MARGIN`] on, lies among them.
-    of_row: Vec<f32>,
+    /// Where each row of the grid, from −[`MARGIN`] on, lies among them, and how far the next one from it.
+    of_row: Vec<[f32; 2]>,
 }
 
 /// What a warp follows.
@@ -72,11 +72,12 @@ impl Warp {
     /// Lays the rows for the lines next to `line`.
     pub fn lay(&mut self, press: &Press, shear: &Shear, elevation: &ElevationTable, line: usize) {
         let Self { row: rows, decay, peak, class, turn: turns, of_row } = self;
-        for values in [&mut *rows, decay, peak, of_row] {
+        for values in [&mut *rows, decay, peak] {
             values.clear();
         }
         class.clear();
         turns.clear();
+        of_row.clear();
         let turns_per_row = press.beam.two_k_rad_m * shear.row_step_m / core::f64::consts::TAU;
         let x_m = shear.first_line_m + line as f64 * shear.line_pitch_m;
         let (first, end) = (-(MARGIN as f64), (shear.rows + MARGIN) as f64);
@@ -92,7 +93,7 @@ impl Warp {
                 // Rows of the grid down to the next one.
                 let mut past = first + of_row.len() as f64 - row;
                 while past < spacing {
-                    of_row.push((rows.len() as f64 + past / spacing) as f32);
+                    of_row.push([(rows.len() as f64 + past / spacing) as f32, 0.0]);
                     past += 1.0;
                 }
                 let turns_here = turns_per_row * (rows.len() as f64 * shear.rows_per_scatterer - row);
@@ -103,6 +104,10 @@ impl Warp {
                 row += spacing;
             }
         }
+        for next in 1..of_row.len() {
+            of_row[next - 1][1] = of_row[next][0] - of_row[next - 1][0];
+        }
+        of_row.pop();
     }
 
     /// Rows of the warp, a multiple of [`EVEN`].
@@ -120,9 +125,9 @@ impl Warp {
     #[inline(always)]
     pub fn at(&self, row: f32) -> f32 {
         let from_first = row + MARGIN as f32;
-        let whole = nearest_f32(from_first - 0.5).clamp(0, self.of_row.len() as i32 - 2);
-        let [above, below] = [0, 1].map(|next| self.of_row[whole as usize + next]);
-        above + (from_first - whole as f32) * (below - above)
+        let whole = nearest_f32(from_first - 0.5).clamp(0, self.of_row.len() as i32 - 1);
+        let [above, apart] = self.of_row[whole as usize];
+        above + (from_first - whole as f32) * apart
     }
 }
 

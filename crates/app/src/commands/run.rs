@@ -68,6 +68,7 @@ pub fn run_id() -> u64 {
 /// Runs one scenario as the command line says.
 pub fn run(args: &RunArgs) -> Result<Outcome, AppError> {
     no_file_in_the_way("--out", args.output.out.as_deref())?;
+    sonoloop_ultrasound::draw_on_this_thread();
     let (scenario, mut session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
     if args.realtime {
         session = session.paced_by(Box::new(WallClock::default()));
