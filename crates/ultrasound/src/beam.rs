@@ -48,7 +48,7 @@ pub struct Grain {
     pub rows_per_scatterer: f64,
     /// Strains at which the tape of moved tissue is kept.
     pub strain_step: f64,
-    /// By how many rows, over a run of moved scatterers, the last may drift from where the tape has it.
+    /// By how many rows, over a stride of moved scatterers, the last may drift from where the tape has it.
     pub drift_rows: f32,
     /// Lines of the working grid per column of the picture, for [`Self::new`]'s lines per σ of the lateral beam: two lines
     /// stand for what lies between them, and by how much they miss it is a matter of their distance over σ.

@@ -16,7 +16,7 @@ use crate::{
     instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
-    runs::{KNOT, Knots, LONGEST, Place, Run, add_column},
+    runs::{KNOT, Knots, LONGEST, Place, ROWS, Run, add_column},
     shear::{Shear, Slab},
     splat::{BAND, Grid, transpose},
     tape::{BakedTape, DELAY_REACH},
@@ -27,8 +27,6 @@ use crate::{
 const TASK_BANDS: usize = 2;
 /// Parts of the lattice's rows that are listed at a time; fixed, though results do not depend on it.
 const PARTS: usize = 8;
-/// 0, 1, 2, … as far as anything is counted in loops.
-const STEPS: usize = 320;
 
 /// A column of the lattice, and how far its tissue has moved.
 pub struct Column {
@@ -91,8 +89,9 @@ pub struct Flow {
     elevation_per_row: f32,
     /// Half the width that shows.
     pub reach_m: f32,
-    /// The most that the slice reaches from every [`KNOT`]th row of the grid on for as far as the longest run goes.
-    widest_m: Vec<f32>,
+    /// The most that the slice reaches among [`KNOT`] rows from every [`KNOT`]th row of the grid on; among twice as many, and
+    /// so on up to the longest run's.
+    widest_m: Vec<Vec<f32>>,
 }
 
 /// Scatterers of moved tissue.
@@ -307,7 +306,7 @@ impl Flow {
         let row_step_m = shear.row_step_m;
         let knots = |values: &[f32]| values.iter().step_by(KNOT).copied().collect();
         Self {
-            steps: (0..STEPS).map(|i| i as f32).collect(),
+            steps: (0..ROWS).map(|i| i as f32).collect(),
             stride: KNOT,
             knot_numbers: knots(&numbers),
             knot_sunk: knots(&sunk),
@@ -337,20 +336,33 @@ impl Flow {
             along_per_row: (shear.lateral_slope * row_step_m) as f32,
             elevation_per_row: (shear.elevation_slope * row_step_m) as f32,
             reach_m: shear.reach_m as f32,
-            widest_m: (0..=shear.rows / KNOT)
-                .map(|block| {
-                    let rows = (0..=LONGEST + 1).map(|i| ((block + i) * KNOT) as f64);
+            widest_m: {
+                let blocks = (0..=shear.rows / KNOT).map(|block| {
+                    let rows = (0..=KNOT).map(|i| (block * KNOT + i) as f64);
                     rows.map(|row| elevation.profile(row).reach_m).fold(0.0, f32::max)
-                })
-                .collect(),
+                });
+                let mut levels: Vec<Vec<f32>> = vec![blocks.collect()];
+                for level in 0..LONGEST.ilog2() as usize {
+                    let (below, half) = (&levels[level], 1 << level);
+                    let beyond = below.last().copied().into_iter().cycle();
+                    let further = below[half.min(below.len())..].iter().copied().chain(beyond);
+                    levels.push(below.iter().zip(further).map(|(a, b)| a.max(b)).collect());
+                }
+                levels
+            },
         }
     }
 
-    /// The most that the slice reaches from a row of the grid on for as far as a run goes.
+    /// The most that the slice reaches between two rows of the grid, or around one. Those farther apart than the longest run
+    /// count up to there from both.
     #[inline]
-    pub fn widest_below(&self, row: f32) -> f32 {
-        let block = (row * (1.0 / KNOT as f32)).max(0.0) as usize;
-        self.widest_m[block.min(self.widest_m.len() - 1)]
+    pub fn widest_between(&self, above: f32, below: f32) -> f32 {
+        let last = self.widest_m[0].len() - 1;
+        let [first, end] =
+            [above, below].map(|row| ((row * (1.0 / KNOT as f32)).max(0.0) as usize).min(last));
+        let level = ((end - first.min(end) + 1).ilog2() as usize).min(self.widest_m.len() - 1);
+        let blocks = &self.widest_m[level];
+        blocks[first].max(blocks[(end + 1).saturating_sub(1 << level)])
     }
 
     /// Where a column's knots are, but for the rows of a warp.

@@ -1,13 +1,13 @@
 //! Runs of columns of moved tissue, added to the lines of a band.
 //!
 //! Where scatterers are is worked out at knots, every [`KNOT`] of them. As long as they keep to a straight line between
-//! knots and do not drift off the rows of the warp, they are one run: a stretch of tape, as in tissue at rest, whose phase
-//! goes on evenly. Where they do not, they are added one by one.
+//! knots they are one run: stretches of tape, as in tissue at rest, each at its own delay, whose phase goes on evenly. Where
+//! they bend, or drift too much off the rows of the warp for one delay even between knots, they are added one by one.
 
 use crate::{
     columns::{Columns, Layer},
     fast::{exp_minus, nearest, turn},
-    instructions::{nearest_f32, wide},
+    instructions::{nearest_f32, prefetch, wide},
     lattice::TAPE_LENGTH,
     points::{Column, Flow},
     splat::BAND,
@@ -19,13 +19,14 @@ use crate::{
 pub const KNOT: usize = 8;
 pub const LONGEST: usize = 32;
 /// Rows of the longest run.
-const ROWS: usize = STRIDES * KNOT;
+pub const ROWS: usize = STRIDES * KNOT;
 /// Strides of the longest run, whose rows may be stretched.
 const STRIDES: usize = LONGEST + 3;
 /// Scatterers by which a stride may start before where a run's first stride has it.
 const EARLIER: i32 = 8;
-/// What a run may do at most, over [`crate::beam::Grain::drift_rows`]: rows by which its middle lies off the line between
-/// its ends (a tenth of a radian of the carrier), lines by which it drifts, metres by which its middle is off in elevation.
+/// What a run may do at most, over [`crate::beam::Grain::drift_rows`], which is for rows from one knot to the next: rows by
+/// which its middle lies off the line between its ends (a tenth of a radian of the carrier), lines by which it drifts, metres
+/// by which its middle is off in elevation.
 const BEND_ROWS: f32 = 1.0 / 8.0;
 const DRIFT_LINES: f32 = 5.0 / 3.0;
 const BEND_M: f32 = 0.1e-3;
@@ -88,6 +89,8 @@ pub fn add_column(
     let mut above = None;
     // Knots whose scatterers go one by one.
     let mut apart = Stretch { from: 0, count: 0 };
+    // Where the run before was short the next one is not tried much longer.
+    let mut longest = LONGEST;
     while from < last {
         let mut stretch = Stretch { from, count: LONGEST.min(last - from) };
         if !place.shows(knots, stretch) {
@@ -96,7 +99,7 @@ pub fn add_column(
             continue;
         }
         let begin = above.unwrap_or_else(|| place.warp.at(knots.row[from]));
-        stretch.count = 1 << stretch.count.ilog2();
+        stretch.count = longest.min(1 << stretch.count.ilog2());
         let mut ends = place.ends(knots, stretch, begin);
         let mut is_straight = place.is_straight(knots, stretch, &ends);
         while !is_straight && stretch.count > 1 {
@@ -112,6 +115,7 @@ pub fn add_column(
         }
         from += stretch.count;
         above = Some(ends.below);
+        longest = LONGEST.min(2 * stretch.count);
         if !place.shows(knots, stretch) {
             continue;
         }
@@ -124,10 +128,20 @@ pub fn add_column(
             apart = stretch;
         }
     }
+    let mut buffers = Buffers { numbers: [0; STRIDES], places: [0; STRIDES], weights: [0.0; ROWS] };
     for run in runs {
-        add_run(instructions, place, column, run, lines);
+        add_run(instructions, place, column, run, &mut buffers, lines);
     }
     place.add_apart(instructions, column, knots, apart, single, lines);
+}
+
+/// What a run's strides and rows need until they are added.
+struct Buffers {
+    /// Of each stride: its first scatterer, and where on the tape it is.
+    numbers: [i32; STRIDES],
+    places: [i32; STRIDES],
+    /// Of each row.
+    weights: [f32; ROWS],
 }
 
 /// A run of a column's scatterers over rows `lo..hi` of the warp, whole strides.
@@ -162,9 +176,7 @@ impl Place<'_> {
         if below < flow.rows[0] || above > flow.rows[1] {
             return false;
         }
-        // Stretched tissue takes more rows than it has scatterers.
-        let before = below - (LONGEST * KNOT) as f32;
-        let reach_m = flow.widest_below(above).max(flow.widest_below(before));
+        let reach_m = flow.widest_between(above, below);
         let middle = (first_line + BAND as i32 / 2) as f32;
         let hidden = |from: usize, to: usize| {
             let both = |values: &[f32]| (values[from], values[to]);
@@ -304,7 +316,9 @@ impl Place<'_> {
             let (e_m, line) = (single.e_m[i], single.line[i]);
             let whole = nearest_f32(line - 0.5);
             let line_at_hand = (whole + 1 - first_line) as usize;
-            let hidden = e_m.abs() > flow.widest_below(single.row[i]) || single.x_m[i].abs() > flow.reach_m;
+            let row_of_grid = single.row[i];
+            let hidden = e_m.abs() > flow.widest_between(row_of_grid, row_of_grid)
+                || single.x_m[i].abs() > flow.reach_m;
             if hidden || amplitude == 0.0 || line_at_hand > BAND {
                 continue;
             }
@@ -336,11 +350,10 @@ impl Place<'_> {
 
 wide! {
     /// Adds a run. Loops over several arrays side by side, without branches: they vectorise.
-    fn add_run(place: &Place, column: &Column, run: &Run, lines: &mut [f32]) {
+    fn add_run(place: &Place, column: &Column, run: &Run, buffers: &mut Buffers, lines: &mut [f32]) {
         let Run { lo, hi, first, sample, turns, turns_per_row, e_m, e_per_row, line, share, .. } = *run;
         let (count, size) = (hi - lo, place.warp.len());
-        // Of each stride: its first scatterer, and where on the tape it is.
-        let (mut numbers, mut places) = ([0; STRIDES], [0; STRIDES]);
+        let Buffers { numbers, places, weights } = buffers;
         let strides = count / KNOT;
         let (numbers, places) = (&mut numbers[..strides], &mut places[..strides]);
         for (stride, (number, at)) in numbers.iter_mut().zip(&mut *places).enumerate() {
@@ -348,6 +361,10 @@ wide! {
             let (row_of_0, sub_delay) = place.tape.split(delays);
             *number = (lo + stride * KNOT) as i32 - row_of_0;
             *at = (sub_delay as usize * place.tape.stride) as i32 + sample + *number - first;
+        }
+        // By the time that weights are known, the samples are there.
+        for (&at, tape) in places.iter().zip(&place.tapes[lo / KNOT..]) {
+            prefetch(tape.get(at as usize..at as usize + KNOT).unwrap_or_default());
         }
         let (Some(&from), Some(&to)) = (numbers.first(), numbers.last()) else { return };
         let (layers, materials) = place.tissue.between(column.layers, from, to + KNOT as i32);
@@ -359,7 +376,6 @@ wide! {
         if one == Some(0.0) {
             return;
         }
-        let mut weights = [0.0f32; ROWS];
         let weights = &mut weights[..count];
         let steps = &place.flow.steps[..count];
         let (decay, peak) = (&place.warp.decay[lo..hi], &place.warp.peak[lo..hi]);

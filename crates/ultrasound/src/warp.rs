@@ -58,9 +58,10 @@ impl Press<'_> {
     fn spacing(&self, shear: &Shear, place: Point, moved_m: &mut Vector) -> f64 {
         let rest = self.phantom_from_probe * place - *moved_m;
         let step_m = self.lattice.depth_step_m;
+        let by_place = self.motion.by_place(rest.x, rest.y);
         let [above_m, below_m] = [0.5, -0.5].map(|steps| {
             let z_m = (rest.z + steps * step_m).min(steps * step_m - 0.5 * step_m);
-            self.motion.displacement_m(Point::new(rest.x, rest.y, z_m))
+            self.motion.displacement_of(by_place, Point::new(rest.x, rest.y, z_m))
         });
         *moved_m = (above_m + below_m) * 0.5;
         let apart_m = (below_m - above_m).dot(&(self.phantom_from_probe * Vector::z()));
