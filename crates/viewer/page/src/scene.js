@@ -6,7 +6,7 @@ import URDFLoader from "urdf-loader";
 import { colour } from "./colours.js";
 
 /** Drawn at most so often: the machine is the simulator's first. */
-const EVERY_MS = 80;
+const EVERY_MS = 40;
 /** Nothing nearer to the camera is drawn. */
 const NEAR_M = 5e-3;
 const NEEDLE_RADIUS_M = 6e-4;
