@@ -1,0 +1,31 @@
+//! What the lessons say that runs show.
+
+use sonoloop::commands::execute_in_process;
+use sonoloop::controller::ControllerKind;
+use sonoloop::judge::Metrics;
+use sonoloop::scenarios::prepare;
+
+mod common;
+
+/// Metrics of a lesson's first seeds with a setting changed.
+fn runs(lesson: &str, seeds: u64, setting: &str) -> Vec<Metrics> {
+    let file = common::file("lessons").join(lesson);
+    let run = |seed| {
+        let (scenario, session) =
+            prepare(&file, Some(seed), &[setting.to_owned()]).unwrap_or_else(|e| panic!("{e}"));
+        let finished = execute_in_process(&scenario, session, ControllerKind::Tracker);
+        finished.unwrap_or_else(|e| panic!("{lesson}, seed {seed}: {e}")).summary.metrics
+    };
+    (0..seeds).map(run).collect()
+}
+
+/// `5_drift.md`: half of six insertions are lost for good with a template from every image, none with the drift corrected.
+#[test]
+fn the_naive_update_loses_what_drift_correction_keeps() {
+    let reached = |update: &str| {
+        let runs = runs("5_drift.yaml", 6, &format!("tracker.update={update}"));
+        runs.iter().filter(|metrics| metrics.final_target_distance_mm.is_some_and(|mm| mm < 2.0)).count()
+    };
+    assert_eq!(reached("naive"), 3);
+    assert_eq!(reached("drift_corrected"), 6);
+}
