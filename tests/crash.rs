@@ -98,9 +98,11 @@ impl Tracker {
 }
 
 /// A run that goes on until somebody ends it: ten minutes of simulated time, a needle that hardly moves.
-fn endless() -> Guarded {
+fn endless(more: &[&str]) -> Guarded {
     let mut command = program();
-    command.args(["run", SCENARIO, "--json", "--set", "duration_s=600", "--set", "servo.feed_mm_s=0.1"]);
+    command
+        .args(["run", SCENARIO, "--json", "--set", "duration_s=600", "--set", "servo.feed_mm_s=0.1"])
+        .args(more);
     start(command)
 }
 
@@ -139,7 +141,7 @@ fn kill_and_wait(run: &mut Guarded) {
 #[test]
 fn a_tracker_whose_simulator_was_killed_ends_by_itself_and_nothing_is_left() {
     for by_a_run in [false, true] {
-        let mut run = endless();
+        let mut run = endless(&[]);
         let tracker = Tracker::in_mid_run(&run.0);
         kill_and_wait(&mut run);
         wait_for("the end of the orphaned tracker", || has_ended(tracker.process).then_some(()));
@@ -150,7 +152,7 @@ fn a_tracker_whose_simulator_was_killed_ends_by_itself_and_nothing_is_left() {
 
 #[test]
 fn a_run_whose_tracker_was_killed_from_outside_is_a_fault() {
-    let run = endless();
+    let run = endless(&[]);
     let tracker = Tracker::in_mid_run(&run.0);
     signal("KILL", tracker.process);
     let finished = finish(run);
@@ -175,7 +177,7 @@ fn both_killed_leave_nothing_and_a_living_run_is_not_touched() {
     assert!(before.len() > 3, "a living run holds shared memory");
 
     for (by_a_run, simulator_first) in [(false, true), (false, false), (true, true), (true, false)] {
-        let mut run = endless();
+        let mut run = endless(&[]);
         let tracker = Tracker::in_mid_run(&run.0);
         // One of the two is stopped first, or it would see the other's end and tidy up.
         if simulator_first {
@@ -204,7 +206,7 @@ fn both_killed_leave_nothing_and_a_living_run_is_not_touched() {
 #[test]
 fn killed_during_the_start_nothing_is_left_either() {
     for pause_ms in [0, 2, 5, 10, 20, 40] {
-        let mut run = endless();
+        let mut run = endless(&[]);
         let tracker = Tracker::of(&run.0);
         std::thread::sleep(Duration::from_millis(pause_ms));
         kill_and_wait(&mut run);
@@ -245,11 +247,13 @@ fn a_tracker_that_never_answers_is_a_fault_and_does_not_stay() {
     let mut command = program();
     command.args(["run", SCENARIO, "--json", "--tracker", "sleep 60"]);
     let never_ready = start(command);
-    let hung_later = endless();
+    let hung_later = endless(&[]);
+    let hung_by_the_clock = endless(&["--realtime"]);
     let sleeper = Tracker::of(&never_ready.0);
-    let hung = Tracker::in_mid_run(&hung_later.0);
+    let [hung, hung_too] = [&hung_later, &hung_by_the_clock].map(|run| Tracker::in_mid_run(&run.0));
     signal("STOP", hung.process);
-    for (run, tracker) in [(never_ready, sleeper), (hung_later, hung)] {
+    signal("STOP", hung_too.process);
+    for (run, tracker) in [(never_ready, sleeper), (hung_later, hung), (hung_by_the_clock, hung_too)] {
         assert_fault(&finish(run), "the tracker gave no answer for 10 s");
         assert!(has_ended(tracker.process), "the tracker's process is still there");
         tracker.assert_gone("silent tracker");
@@ -286,7 +290,7 @@ fn two_terminals_give_the_same_bytes_as_one() {
 #[test]
 fn a_signal_ends_a_run_in_order() {
     for name in ["TERM", "INT"] {
-        let run = endless();
+        let run = endless(&[]);
         let tracker = Tracker::in_mid_run(&run.0);
         signal(name, run.0.id());
         assert_fault(&finish(run), "interrupted");

@@ -1,7 +1,7 @@
 //! A tracker in a process of its own, behind the wire.
 
 use std::process::{Child, Command as Process, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use sonoloop_types::{Acquisition, Command, CommandReceipt, EndReason, Image, Setup};
@@ -35,13 +35,15 @@ pub struct Remote {
     domain: Domain,
     process: TrackerProcess,
     name: TrackerName,
+    /// Of a paced run: when the picture was posted since which nothing was heard.
+    unanswered: Option<Instant>,
 }
 
 impl Remote {
     /// Makes the domain; nothing is started yet.
     pub fn create(process: TrackerProcess) -> Result<Self, WireError> {
         let name = TrackerName { name: "unknown".into(), version: String::new() };
-        Ok(Self { child: None, endpoint: None, domain: Domain::create()?, process, name })
+        Ok(Self { child: None, endpoint: None, domain: Domain::create()?, process, name, unanswered: None })
     }
 
     /// The domain that a tracker joins.
@@ -151,7 +153,9 @@ impl Peer for Remote {
             return Err(gone(&mut self.child));
         }
         let endpoint = self.endpoint.as_mut().ok_or_else(never_started)?;
-        endpoint.publish_image(acquisition, image, true).map_err(fault)
+        endpoint.publish_image(acquisition, image, true).map_err(fault)?;
+        self.unanswered.get_or_insert_with(Instant::now);
+        Ok(())
     }
 
     fn poll(&mut self) -> Result<Vec<Result<Command, CommandReceipt>>, PeerError> {
@@ -163,7 +167,13 @@ impl Peer for Remote {
                 WireAnswer::Refused(receipt) => Err(receipt),
             });
         }
-        Ok(arrived)
+        if !arrived.is_empty() {
+            self.unanswered = None;
+        }
+        match self.unanswered {
+            Some(since) if since.elapsed().as_secs() >= SILENCE_S => Err(PeerError::Silent(SILENCE_S)),
+            _ => Ok(arrived),
+        }
     }
 
     fn show(&mut self, acquisition: &Acquisition, image: &Image) -> Result<(), PeerError> {
@@ -174,6 +184,7 @@ impl Peer for Remote {
     /// SIGSTOP and SIGCONT. What the tracker finds when it wakes is not due to be answered, so it does not matter when it
     /// stopped and when it woke.
     fn hang(&mut self, hung: bool) -> Result<(), PeerError> {
+        self.unanswered = None;
         let Some(child) = &self.child else { return Ok(()) };
         let signal = if hung { Signal::STOP } else { Signal::CONT };
         kill_process(Pid::from_child(child), signal).map_err(|e| PeerError::Fault(e.to_string()))
@@ -188,6 +199,7 @@ impl Peer for Remote {
     }
 
     fn kill(&mut self) -> Result<(), PeerError> {
+        self.unanswered = None;
         if let Some(mut child) = self.child.take() {
             child.kill().and_then(|()| child.wait()).map_err(|e| PeerError::Fault(e.to_string()))?;
         }
