@@ -50,8 +50,10 @@ const LEVEL_WALK: f64 = 0.6;
 /// Where the tip is thought to be, in the coordinate of the plane along the probe's y.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Along {
-    /// Probability by contrast and cell; empty before the first image.
+    /// Probability by contrast and cell; empty before the first image, and where [`Self::found`] says so.
     belief: Vec<f64>,
+    /// Probability of the contrasts when the belief was last found void; empty before.
+    contrasts: Vec<f64>,
     /// The tip's level, by contrast and cell.
     levels: Vec<f64>,
     /// Variance of those levels; the same for all.
@@ -62,20 +64,39 @@ pub struct Along {
 
 impl Default for Along {
     fn default() -> Self {
-        Self { belief: Vec::new(), levels: Vec::new(), level_variance: 0.0, middle_m: 0.0 }
+        Self {
+            belief: Vec::new(),
+            contrasts: Vec::new(),
+            levels: Vec::new(),
+            level_variance: 0.0,
+            middle_m: 0.0,
+        }
     }
 }
 
 impl Along {
-    /// The operator has centred the plane at `plane_m` on the tip, and it has this level.
+    /// A search has found the tip with the plane at `plane_m`. Where no cell of the grid is there (what was seen during the
+    /// search has led it elsewhere), what was believed of the place is void, and the next image is taken as one of the tip, as
+    /// the first was; what was believed of its contrast holds.
+    pub fn found(&mut self, plane_m: f64) {
+        if self.belief.is_empty() || (plane_m - self.middle_m).abs() <= HALF_CELLS as f64 * CELL_M {
+            return;
+        }
+        self.contrasts = self.belief.chunks_exact(CELLS).map(|row| row.iter().sum()).collect();
+        self.belief.clear();
+    }
+
+    /// The operator, or a search, has centred the plane at `plane_m` on the tip, and it has this level.
     fn begin(&mut self, plane_m: f64, level: f64, sigma_m: f64, noise: f64) {
         self.middle_m = plane_m;
         self.level_variance = noise * noise;
-        for contrast in CONTRASTS {
+        self.levels.clear();
+        for (row, contrast) in CONTRASTS.into_iter().enumerate() {
+            let share = self.contrasts.get(row).copied().unwrap_or(1.0);
             for cell in 0..CELLS {
                 let ahead_m = plane_m - coordinate(plane_m, cell);
                 let z = ahead_m / CENTRED_SIGMA_M;
-                self.belief.push(libm::exp(-0.5 * z * z));
+                self.belief.push(share * libm::exp(-0.5 * z * z));
                 self.levels.push(level - profile(ahead_m / sigma_m, contrast));
             }
         }
@@ -374,6 +395,33 @@ mod tests {
             let rms_m = follow(contrast, 0.0, 1.5e-3);
             assert!(rms_m < 0.35e-3, "contrast {contrast}: {rms_m}");
         }
+    }
+
+    /// Seen in a transverse run whose probe had slipped: the belief was 8 mm off the tip that a search had found, no cell of
+    /// its grid there, and the plane left the tip for it again and again.
+    #[test]
+    fn a_tip_found_where_the_belief_has_no_cell_is_believed() {
+        let settings = crate::servo::tests::settings();
+        let mut along = Along::default();
+        let mut observe = |along: &mut Along, plane_m: f64, level: f64| {
+            along.observe(&settings, plane_m, level, 0.33e-3, settings.along_walk_m);
+        };
+        observe(&mut along, 0.0, 130.0);
+        // Nothing is seen where it was.
+        for k in 0..60 {
+            observe(&mut along, 2e-3 - 0.05e-3 * f64::from(k), 102.0 + 0.5 * noise(k));
+        }
+        let found_m = along.middle_m - 6e-3;
+        along.found(found_m);
+        for k in 0..4 {
+            observe(&mut along, found_m, 130.0 + 0.2 * noise(k));
+        }
+        let tip_m = along.tip_m(found_m).expect("a belief");
+        assert!((tip_m - found_m).abs() < 0.3e-3, "{tip_m}");
+        // Where there are cells they know better than a search that may stand on the shaft.
+        let before = along.clone();
+        along.found(found_m + 1e-3);
+        assert_eq!(along, before);
     }
 
     #[test]

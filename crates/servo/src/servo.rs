@@ -295,8 +295,8 @@ impl Servo {
                 if search.commanded.elevation_m != 0.0 {
                     self.state.first_side = search.commanded.elevation_m.signum();
                 }
-                // The coordinate stays with the phantom: what is believed of the tip stays true.
                 self.state.corrected_m += search.commanded.elevation_m;
+                self.state.along.found(self.state.corrected_m);
                 self.state.mode = Mode::Follow;
             }
             _ => {}
