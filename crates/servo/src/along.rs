@@ -403,7 +403,7 @@ mod tests {
     fn a_tip_found_where_the_belief_has_no_cell_is_believed() {
         let settings = crate::servo::tests::settings();
         let mut along = Along::default();
-        let mut observe = |along: &mut Along, plane_m: f64, level: f64| {
+        let observe = |along: &mut Along, plane_m: f64, level: f64| {
             along.observe(&settings, plane_m, level, 0.33e-3, settings.along_walk_m);
         };
         observe(&mut along, 0.0, 130.0);
