@@ -57,19 +57,19 @@ fn an_arm_without_a_spherical_wrist_carries_both_lateral_scenarios() {
         .flat_map(|file| (0..5).map(move |seed| (file, seed)))
         .collect();
     for_each(&cases, |&(file, seed)| {
-        let finished = run_file_with(file, seed, "robot=../robots/ur5e/robot.yaml");
+        let finished = run_file_with(file, seed, &["robot=../robots/ur5e/robot.yaml"]);
         assert!(finished.passed(), "{file}, seed {seed}: {}", finished.failed().join(", "));
     });
 }
 
-fn run_with(seed: u64, set: &str) -> Finished {
+fn run_with(seed: u64, set: &[&str]) -> Finished {
     run_file_with("scenarios/lateral_plain.yaml", seed, set)
 }
 
-fn run_file_with(file: &str, seed: u64, set: &str) -> Finished {
-    let file = common::file(file);
-    let (scenario, session) = prepare(&file, Some(seed), &[set.to_owned()]).unwrap_or_else(|e| panic!("{e}"));
-    execute_in_process(&scenario, session, ControllerKind::Tracker).unwrap_or_else(|e| panic!("{set}: {e}"))
+fn run_file_with(file: &str, seed: u64, set: &[&str]) -> Finished {
+    let (file, set) = (common::file(file), set.iter().map(|&set| set.to_owned()).collect::<Vec<_>>());
+    let (scenario, session) = prepare(&file, Some(seed), &set).unwrap_or_else(|e| panic!("{e}"));
+    execute_in_process(&scenario, session, ControllerKind::Tracker).unwrap_or_else(|e| panic!("{set:?}: {e}"))
 }
 
 /// Without the operator's click the tip is the end of the needle that is found, which is now and then a millimetre beyond it:
@@ -78,7 +78,7 @@ fn run_file_with(file: &str, seed: u64, set: &str) -> Finished {
 fn a_tracker_that_finds_the_first_tip_itself_reaches_the_target() {
     let passed = std::sync::atomic::AtomicU32::new(0);
     for_each(&[0, 1, 2, 3, 4], |&seed| {
-        let finished = run_with(seed, "tracker.init=localize");
+        let finished = run_with(seed, &["tracker.init=localize"]);
         let metrics = &finished.summary.metrics;
         assert!(metrics.images > 50, "seed {seed}: it starts without a click");
         if finished.passed() {
@@ -90,12 +90,15 @@ fn a_tracker_that_finds_the_first_tip_itself_reaches_the_target() {
 }
 
 /// The earlier method says TRACKING whatever it sees, is most of a millimetre off (it fails the scenario's 0.5 mm), and comes
-/// to the target where nothing goes wrong.
+/// to the target where nothing goes wrong. Over agar, which the scenario draws too and whose speckle is brighter, it does not
+/// with three seeds of ten (2, 6 and 8).
 #[test]
 fn the_earlier_method_steers_a_plain_insertion_less_exactly() {
     for_each(&[0, 1, 2, 3, 4], |&seed| {
-        let [template, baseline] = ["template", "baseline"]
-            .map(|method| run_with(seed, &format!("tracker.method={method}")).summary.metrics);
+        let [template, baseline] =
+            ["template", "baseline"].map(|method| format!("tracker.method={method}")).map(|method| {
+                run_with(seed, &[&method, "phantom=../phantoms/gelatin_agar.yaml"]).summary.metrics
+            });
         assert!(
             baseline.coverage.is_some_and(|coverage| coverage >= 0.9),
             "seed {seed}: {:?}",
