@@ -18,8 +18,9 @@ pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 /// Samples whose carrier is one turn of that of others: products of two short tables are exact to rounding, far cheaper
 /// than a sine per sample, and stay in the caches.
 const STRETCH: usize = 64;
-/// Rows that columns may have at least.
-const LEAST_ROWS: usize = 256;
+/// Rows that columns may have at least: more than the longest run, `crate::runs::ROWS`, reads past the tape's end.
+const LEAST_ROWS: usize = 320;
+const _: () = assert!(LEAST_ROWS >= crate::runs::ROWS + 8);
 /// Samples filtered together.
 const BLOCK: usize = 16;
 
