@@ -1,4 +1,4 @@
-//! What the lessons say that runs show.
+//! What the lesson on drift says that runs show.
 
 use sonoloop::commands::execute_in_process;
 use sonoloop::controller::ControllerKind;
@@ -26,6 +26,7 @@ fn the_naive_update_loses_what_drift_correction_keeps() {
         let runs = runs("5_drift.yaml", 6, &format!("tracker.update={update}"));
         runs.iter().filter(|metrics| metrics.final_target_distance_mm.is_some_and(|mm| mm < 2.0)).count()
     };
+    // Where pictures change and these numbers with them, the lesson's text is to say the new ones.
     assert_eq!(reached("naive"), 3);
     assert_eq!(reached("drift_corrected"), 6);
 }

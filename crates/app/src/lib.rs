@@ -22,6 +22,7 @@ pub mod null;
 pub mod output;
 pub mod page;
 mod paper;
+mod parallel;
 pub mod paths;
 pub mod peer;
 pub mod posture;

@@ -52,8 +52,8 @@ const LEVEL_WALK: f64 = 0.6;
 pub struct Along {
     /// Probability by contrast and cell; empty before the first image, and where [`Self::found`] says so.
     belief: Vec<f64>,
-    /// Probability of the contrasts when the belief was last found void; empty before.
-    contrasts: Vec<f64>,
+    /// How likely each contrast is to begin with.
+    contrasts: [f64; CONTRASTS.len()],
     /// The tip's level, by contrast and cell.
     levels: Vec<f64>,
     /// Variance of those levels; the same for all.
@@ -66,7 +66,7 @@ impl Default for Along {
     fn default() -> Self {
         Self {
             belief: Vec::new(),
-            contrasts: Vec::new(),
+            contrasts: [1.0; CONTRASTS.len()],
             levels: Vec::new(),
             level_variance: 0.0,
             middle_m: 0.0,
@@ -82,7 +82,9 @@ impl Along {
         if self.belief.is_empty() || (plane_m - self.middle_m).abs() <= HALF_CELLS as f64 * CELL_M {
             return;
         }
-        self.contrasts = self.belief.chunks_exact(CELLS).map(|row| row.iter().sum()).collect();
+        for (contrast, row) in self.contrasts.iter_mut().zip(self.belief.chunks_exact(CELLS)) {
+            *contrast = row.iter().sum();
+        }
         self.belief.clear();
     }
 
@@ -91,8 +93,7 @@ impl Along {
         self.middle_m = plane_m;
         self.level_variance = noise * noise;
         self.levels.clear();
-        for (row, contrast) in CONTRASTS.into_iter().enumerate() {
-            let share = self.contrasts.get(row).copied().unwrap_or(1.0);
+        for (contrast, share) in CONTRASTS.into_iter().zip(self.contrasts) {
             for cell in 0..CELLS {
                 let ahead_m = plane_m - coordinate(plane_m, cell);
                 let z = ahead_m / CENTRED_SIGMA_M;
@@ -171,7 +172,7 @@ impl Along {
         self.belief.iter().skip(cell).step_by(CELLS).sum()
     }
 
-    /// Where the tip is thought to be, as seen from a plane at `plane_m`; `None` before the first image, and in doubt.
+    /// Where the tip is thought to be, as seen from a plane at `plane_m`; `None` before the first image of it, and in doubt.
     ///
     /// The mean about the belief's peak when most of the belief is there; else the mean of all of it when it could be
     /// anywhere, but on one side.

@@ -121,9 +121,8 @@ impl Listing<'_> {
     fn row(&self, iy: i32, by_band: &mut [Vec<Job>]) {
         let Self { shear, lattice, elevation, columns, tape, .. } = *self;
         let [[ix_min, _], [iy_min, _]] = shear.columns;
-        let (sub_delays, per_row) = (tape.sub_delays as i64, tape.sub_delays as f64);
+        let per_row = tape.sub_delays as f64;
         let lines_per_m = 1.0 / shear.line_pitch_m;
-        let rows_per_delay = 1.0 / per_row;
         let deepest = columns.most_scatterers() as i64;
         for ix in shear.overlap(elevation.slab(), iy) {
             let Some((mut weights, runs)) = elevation.crossing(shear.e.at(ix, iy)) else { continue };
@@ -141,10 +140,8 @@ impl Listing<'_> {
             if columns.layers(column).is_empty() {
                 continue;
             }
-            let delays = nearest(shear.top_row.at(ix, iy) * per_row) + sub_delays / 2;
-            // The whole part of delays/sub_delays: exact, as the fraction is never half a row from the middle of one.
-            let row_of_0 = nearest((delays as f64 - (per_row - 1.0) / 2.0) * rows_per_delay);
-            let sub_delay = (delays - row_of_0 * sub_delays) as usize;
+            let (row_of_0, sub_delay) = tape.split(nearest(shear.top_row.at(ix, iy) * per_row) as i32);
+            let (row_of_0, sub_delay) = (i64::from(row_of_0), sub_delay as usize);
             let offset = lattice.tape_offset(ix, iy);
             let phase = product(
                 product(self.phase_x[(ix - ix_min) as usize], self.phase_y[(iy - iy_min) as usize]),

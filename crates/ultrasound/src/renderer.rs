@@ -32,7 +32,8 @@ use crate::{
 const TASK_ROWS: usize = 120;
 
 /// Makes the calling thread one of those that draw, for a program whose one thread asks for all pictures: nothing is handed
-/// over, and it does not sleep meanwhile. To be called before anything is drawn; it changes nothing after that.
+/// over, and it does not sleep meanwhile. To be called before anything is drawn; it changes nothing after that. Other
+/// threads that draw wait for this one where it is the only one of its kind (a single core).
 pub fn draw_on_this_thread() {
     let _ = rayon::ThreadPoolBuilder::new().use_current_thread().build_global();
 }

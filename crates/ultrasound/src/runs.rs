@@ -22,15 +22,13 @@ pub const LONGEST: usize = 32;
 pub const ROWS: usize = STRIDES * KNOT;
 /// Strides of the longest run, whose rows may be stretched.
 const STRIDES: usize = LONGEST + 3;
-/// Scatterers by which a stride may start before where a run's first stride has it.
-const EARLIER: i32 = 8;
-/// What a run may do at most, over [`crate::beam::Grain::drift_rows`], which is for rows from one knot to the next: rows by
-/// which its middle lies off the line between its ends (a tenth of a radian of the carrier), lines by which it drifts, metres
-/// by which its middle is off in elevation.
+/// What a whole run may do at most, over [`crate::beam::Grain::drift_rows`], which itself is for the rows from one knot to the
+/// next: rows by which its middle lies off the line between its ends (a tenth of a radian of the carrier), lines by which it
+/// drifts, metres by which its middle is off in elevation.
 const BEND_ROWS: f32 = 1.0 / 8.0;
 const DRIFT_LINES: f32 = 5.0 / 3.0;
 const BEND_M: f32 = 0.1e-3;
-/// Knots from which on a stretch is looked at a quarter from its ends.
+/// Knots from which on a stretch is looked at between its ends and its middle.
 const QUARTERED: usize = 8;
 
 /// Where knots, or scatterers, of a column are.
@@ -185,9 +183,13 @@ impl Place<'_> {
                 || beside(both(&knots.x_m), flow.reach_m)
                 || beside((a - middle, b - middle), BAND as f32 / 2.0 + 2.0)
         };
-        // What is dragged may come in between two ends and go out again.
-        let all_hidden = || (from..from + count).all(|knot| hidden(knot, knot + 1));
-        !hidden(from, from + count) || flow.is_dragged() && !all_hidden()
+        // What is dragged, or goes aside over a long stretch, may come in between two ends and go out again.
+        let part = if flow.is_dragged() { 1 } else { QUARTERED };
+        let all_hidden = || {
+            let parts = (from..from + count).step_by(part);
+            parts.map(|knot| (knot, (knot + part).min(from + count))).all(|(knot, next)| hidden(knot, next))
+        };
+        !hidden(from, from + count) || count > part && !all_hidden()
     }
 
     /// Where a stretch's ends lie among the rows of the warp, and its middle off the middle between them.
@@ -202,30 +204,26 @@ impl Place<'_> {
     /// Whether a stretch is a run.
     #[inline]
     fn is_straight(&self, knots: &Knots, Stretch { from, count }: Stretch, ends: &Ends) -> bool {
-        let both = |values: &[f32]| (values[from], values[from + count]);
-        let (left, right) = both(&knots.line);
-        let bend = |values: &[f32]| {
-            let (a, b) = both(values);
-            (values[from + count / 2] - 0.5 * (a + b)).abs()
+        let line = |values: &[f32], share: f32| values[from] + share * (values[from + count] - values[from]);
+        let off = |values: &[f32], quarters: usize| {
+            (values[from + count * quarters / 4] - line(values, 0.25 * quarters as f32)).abs()
         };
         let most = self.drift_rows;
-        (ends.below - ends.above - (count * KNOT) as f32).abs() <= most * count as f32
-            && (right - left).abs() <= most * DRIFT_LINES
-            && ends.bend.abs() <= most * BEND_ROWS
-            && (count < QUARTERED || self.is_parabola(knots, Stretch { from, count }, ends))
-            && (count == 1 || bend(&knots.line) <= most * DRIFT_LINES)
-            && (count == 1 || bend(&knots.e_m) <= most * BEND_M)
-    }
-
-    /// Whether a stretch bends one way only: what its middle says holds a quarter from its ends as well.
-    #[inline]
-    fn is_parabola(&self, knots: &Knots, Stretch { from, count }: Stretch, ends: &Ends) -> bool {
-        let off = |quarters: usize| {
-            let share = 0.25 * quarters as f32;
-            let line = ends.above + share * (ends.below - ends.above);
-            self.warp.at(knots.row[from + count * quarters / 4]) - line - 0.75 * ends.bend
+        let drift_lines = knots.line[from + count] - knots.line[from];
+        // A quarter from the ends of a stretch that bends one way only three quarters of its middle's bend are left.
+        let bends_evenly = |quarters: usize| {
+            let bend = self.warp.at(knots.row[from + count * quarters / 4])
+                - (ends.above + 0.25 * quarters as f32 * (ends.below - ends.above));
+            (bend - 0.75 * ends.bend).abs() <= most * BEND_ROWS
+                && off(&knots.line, quarters) <= most * DRIFT_LINES
+                && off(&knots.e_m, quarters) <= most * BEND_M
         };
-        off(1).abs().max(off(3).abs()) <= self.drift_rows * BEND_ROWS
+        (ends.below - ends.above - (count * KNOT) as f32).abs() <= most * count as f32
+            && drift_lines.abs() <= most * DRIFT_LINES
+            && ends.bend.abs() <= most * BEND_ROWS
+            && (count == 1
+                || off(&knots.line, 2) <= most * DRIFT_LINES && off(&knots.e_m, 2) <= most * BEND_M)
+            && (count < QUARTERED || bends_evenly(1) && bends_evenly(3))
     }
 
     /// Rows of the warp that a stretch fills.
@@ -244,8 +242,7 @@ impl Place<'_> {
         let Stretch { from, count } = stretch;
         let both = |values: &[f32]| (values[from], values[from + count]);
         let &Ends { above, below, bend } = ends;
-        // A run's rows and its scatterers are as many, but for the drift.
-        let per_warped = 1.0 / (count * KNOT) as f32;
+        let per_warped = 1.0 / (below - above);
         let at = |(a, b): (f32, f32), row: f32| a + (row - above) * per_warped * (b - a);
         let middle = 0.5 * (lo + hi) as f32;
         let line = at(both(&knots.line), middle);
@@ -264,8 +261,7 @@ impl Place<'_> {
         let delays = per_row * (shift + 0.5 * (KNOT as f32 - 1.0) * shift_per_row);
         let (row_of_0, _) = tape.split(nearest_f32(delays));
         let first = lo as i32 - row_of_0;
-        // Not before the tape's beginning, if a later stride starts somewhat earlier than this one has it.
-        let sample = ((column.tape as i32 + first - EARLIER) & (TAPE_LENGTH as i32 - 1)) + EARLIER;
+        let sample = (column.tape as i32 + first) & (TAPE_LENGTH as i32 - 1);
         // Minus the carrier's turns down to where the scatterer is, but for those that the tape has in it.
         let turns = -flow.turns_per_row * (f64::from(shift) + f64::from(first - sample));
         let e_ends = both(&knots.e_m);
@@ -316,16 +312,12 @@ impl Place<'_> {
             let (e_m, line) = (single.e_m[i], single.line[i]);
             let whole = nearest_f32(line - 0.5);
             let line_at_hand = (whole + 1 - first_line) as usize;
-            let row_of_grid = single.row[i];
-            let hidden = e_m.abs() > flow.widest_between(row_of_grid, row_of_grid)
-                || single.x_m[i].abs() > flow.reach_m;
+            let reach_m = flow.widest_between(single.row[i], single.row[i]);
+            let hidden = e_m.abs() > reach_m || single.x_m[i].abs() > flow.reach_m;
             if hidden || amplitude == 0.0 || line_at_hand > BAND {
                 continue;
             }
-            let sub_delays = tape.sub_delays as f32;
-            let delays = nearest_f32((warped + 0.5) * sub_delays);
-            let (at, sub_delay) =
-                (delays.div_euclid(tape.sub_delays as i32), delays.rem_euclid(tape.sub_delays as i32));
+            let (at, sub_delay) = tape.split(nearest_f32(warped * tape.sub_delays as f32));
             let filter = &tape.strained(warp.class[row / KNOT]).filters[sub_delay as usize];
             let turns = -flow.turns_per_row * f64::from(warped);
             let [cos, sin] = turn((turns - nearest(turns) as f64) as f32);

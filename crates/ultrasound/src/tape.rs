@@ -18,9 +18,9 @@ pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 /// Samples whose carrier is one turn of that of others: products of two short tables are exact to rounding, far cheaper
 /// than a sine per sample, and stay in the caches.
 const STRETCH: usize = 64;
-/// Rows that columns may have at least: more than the longest run, `crate::runs::ROWS`, reads past the tape's end.
+/// Rows that columns may have at least; no run reads farther past the tape's end.
 const LEAST_ROWS: usize = 320;
-const _: () = assert!(LEAST_ROWS >= crate::runs::ROWS + 8);
+const _: () = assert!(LEAST_ROWS >= crate::runs::ROWS);
 /// Samples filtered together.
 const BLOCK: usize = 16;
 
@@ -145,8 +145,7 @@ impl BakedTape {
             .for_each(|(samples, filter)| filter_samples(instructions, samples, modulated, filter));
     }
 
-    /// Whole rows of so many delays, and which sub-delay is left: the one next to zero stands for none, see
-    /// [`delay_filters`].
+    /// So many delays as whole rows and a sub-delay s, which stands for the fraction s/S − ½ of a row.
     #[inline(always)]
     pub fn split(&self, delays: i32) -> (i32, i32) {
         let (sub_delays, per_row) = (self.sub_delays as i32, self.sub_delays as f32);

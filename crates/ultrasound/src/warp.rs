@@ -14,6 +14,7 @@ use crate::{
     instructions::{nearest_f32, wide},
     lattice::Lattice,
     motion::Motion,
+    runs::KNOT,
     shear::Shear,
     splat::BAND,
     tape::{BakedTape, DELAY_REACH, DELAY_TAPS},
@@ -23,6 +24,7 @@ use crate::{
 const MARGIN: usize = 8;
 /// Rows of a warp that lie equally far apart.
 const EVEN: usize = STRIDE;
+const _: () = assert!(EVEN == KNOT);
 /// Scatterers lie no closer and no farther than this many rows of the grid, as far as the warp follows them.
 const CLOSEST: f64 = 0.25;
 const FARTHEST: f64 = 2.0;

@@ -186,6 +186,33 @@ fn truth_of_dragged_tissue() {
     }
 }
 
+/// Mostly across the plane: tissue comes in and goes out between places that are both beside the slice.
+#[test]
+fn truth_of_tissue_dragged_across() {
+    let drag = Drag {
+        centre_in_phantom: Point::new(8e-3, 1e-3, -20e-3),
+        displacement_in_phantom: Vector::new(0.2e-3, 1.5e-3, -0.3e-3),
+        decay_m: 5e-3,
+    };
+    let pose = pose(0.31, 0.12, -0.2, 10.0, 5.0, -4.0);
+    let error = relative_error(&probe(), &half_gel(), &Slice { drag: Some(drag), ..slice(pose) });
+    println!("{:.2} % dragged across", error * 100.0);
+    assert!(error <= 0.05, "error {error:.4} over 5 %");
+}
+
+/// A picture hardly deeper than the longest run: with some seeds such a run read past the end of the tape.
+#[test]
+fn a_short_picture_lightly_pressed_can_be_drawn_with_any_seed() {
+    let mut short = probe();
+    short.geometry.height_px = 155;
+    let pose = pose(0.31, 0.12, -0.3, 0.0, 0.0, 0.0);
+    let slice = Slice { indentation: Some(press(&pose, 24e-3, 0.3e-3)), ..slice(pose) };
+    for seed in 0..16 {
+        let mut renderer = Renderer::new(short.clone(), needle(), half_gel(), seed);
+        assert!(renderer.field(&slice).values.iter().flatten().all(|value| value.is_finite()));
+    }
+}
+
 #[test]
 fn truth_of_pressed_layers() {
     let error = relative_error(&probe(), &layers(), &pressed(pose(0.31, 0.12, -3.0, 20.0, -8.0, 6.0)));

@@ -10,6 +10,7 @@ use crate::scenarios::prepare;
 
 /// Runs it again and says whether everything is the same.
 pub fn replay(args: &FolderArgs) -> Result<Outcome, AppError> {
+    sonoloop_ultrasound::draw_on_this_thread();
     let bad_input = |error: ReplayError| AppError::bad_input(format_args!("error: {error}"));
     let recorded = Recorded::read(&args.folder).map_err(bad_input)?;
     let (scenario, session) = prepare(&args.folder.join("scenario.yaml"), None, &[])?;

@@ -14,6 +14,7 @@ use crate::steering::Steering;
 /// Creates the domain, says how to join it, waits, runs.
 pub fn sim(args: &SimArgs) -> Result<Outcome, AppError> {
     no_file_in_the_way("--out", args.output.out.as_deref())?;
+    sonoloop_ultrasound::draw_on_this_thread();
     let (scenario, session) = prepare(&args.scenario.file, args.scenario.seed, &args.scenario.set)?;
     if kills_tracker(&scenario) {
         return Err(AppError::BadInput(format!(

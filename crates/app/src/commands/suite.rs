@@ -3,8 +3,6 @@
 //! Runs are in-process (the bytes are the same as in two processes) and share the cores through `--jobs`.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::json;
 
@@ -13,6 +11,7 @@ use crate::cli::SuiteArgs;
 use crate::controller::ControllerKind;
 use crate::error::{AppError, Outcome};
 use crate::output::{Case as JunitCase, CaseResult, Rates, Run, junit_xml};
+use crate::parallel::each;
 use crate::paths::no_file_in_the_way;
 use crate::say::say;
 use crate::scenarios::{find, prepare};
@@ -46,27 +45,12 @@ pub fn suite(args: &SuiteArgs) -> Result<Outcome, AppError> {
         }
     }
 
-    let next = AtomicUsize::new(0);
-    let results: Mutex<Vec<Option<Result<Finished, AppError>>>> =
-        Mutex::new(std::iter::repeat_with(|| None).take(cases.len()).collect());
-    std::thread::scope(|scope| {
-        for _ in 0..usize::from(args.jobs).min(cases.len()) {
-            scope.spawn(|| {
-                loop {
-                    let k = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(case) = cases.get(k) else { break };
-                    let result =
-                        prepare(&case.file, Some(case.seed), &args.set).and_then(|(scenario, session)| {
-                            execute_in_process(&scenario, session, ControllerKind::Tracker)
-                        });
-                    eprintln!("{}", line(case, &result));
-                    results.lock().expect("no holder panics")[k] = Some(result);
-                }
-            });
-        }
+    let results = each(args.jobs.into(), &cases, |case| {
+        let result = prepare(&case.file, Some(case.seed), &args.set)
+            .and_then(|(scenario, session)| execute_in_process(&scenario, session, ControllerKind::Tracker));
+        eprintln!("{}", line(case, &result));
+        result
     });
-    let results = results.into_inner().expect("no holder panics");
-    let results: Vec<_> = results.into_iter().map(|r| r.expect("every case was run")).collect();
     report(args, &cases, &results)
 }
 

@@ -41,6 +41,7 @@ pub use sequence::write_sequence;
 pub use setting::Setting;
 pub use stage::Stage;
 pub(crate) use strip::strip;
+pub(crate) use summary::median;
 pub use summary::{Summary, TimingSummary, Verdict};
 pub use table::{bound_text, failure_text, metrics_table, value_text, verdict_text};
 pub(crate) use tracked::Tracked;

@@ -126,7 +126,7 @@ impl TimingSummary {
 }
 
 /// Median; of nothing there is none.
-pub(super) fn median<T: Copy + Into<f64>>(values: &[T]) -> Option<f64> {
+pub(crate) fn median<T: Copy + Into<f64>>(values: &[T]) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().map(T::into).collect();
     sorted.sort_by(f64::total_cmp);
     let middle = sorted.len() / 2;

@@ -2,14 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use sonoloop_scenario::{LoadOptions, Scenario, load};
+use sonoloop_scenario::{LoadOptions, load};
 use sonoloop_types::Profile;
 
-use super::parallel::each;
 use crate::commands::execute_in_process;
 use crate::controller::ControllerKind;
 use crate::error::AppError;
 use crate::judge::Metrics;
+use crate::parallel::each;
+use crate::scenarios::prepare;
 use crate::session::Session;
 
 /// Seeds of the success rates.
@@ -82,8 +83,8 @@ fn trials(files: &[PathBuf], jobs: usize, say: &(dyn Fn(&str) + Sync)) -> Result
     }
     let heard = Heard::new("profiles over seeds", cases.len(), say);
     let results = each(jobs, &cases, |&(file, profile, seed)| {
-        let scenario = loaded(file, seed, &[format!("tracker.profile={profile}")])?;
-        let finished = executed(&scenario)?;
+        let (scenario, session) = prepare(file, Some(seed), &[format!("tracker.profile={profile}")])?;
+        let finished = execute_in_process(&scenario, session, ControllerKind::Tracker)?;
         heard.one();
         Ok(Trial {
             name: scenario.name.clone(),
@@ -125,27 +126,20 @@ fn maps(
             format!("image_rate_hz={rate_hz}"),
             format!("delays.image_ms={delay_ms}"),
         ];
-        let mut scenario = loaded(file, seed, &set)?;
+        let options = LoadOptions { seed: Some(seed), set: set.to_vec(), ..LoadOptions::default() };
+        let mut scenario = load(file, &options)?;
         let needle = &mut scenario.needle;
         for level_db in [&mut needle.specular_level_db, &mut needle.rough_level_db, &mut needle.tip_level_db]
         {
             *level_db -= fainter_db;
         }
-        let finished = executed(&scenario)?;
+        let session = Session::new(&scenario).map_err(AppError::fault)?;
+        let finished = execute_in_process(&scenario, session, ControllerKind::Tracker)?;
         heard.one();
         let (passed, metrics) = (finished.passed(), finished.summary.metrics);
         Ok(MapTrial { profile, fainter_db, rate_hz, delay_ms, seed, passed, metrics })
     });
     results.into_iter().collect()
-}
-
-fn loaded(file: &Path, seed: u64, set: &[String]) -> Result<Scenario, AppError> {
-    Ok(load(file, &LoadOptions { seed: Some(seed), set: set.to_vec(), ..LoadOptions::default() })?)
-}
-
-fn executed(scenario: &Scenario) -> Result<crate::commands::Finished, AppError> {
-    let session = Session::new(scenario).map_err(AppError::fault)?;
-    execute_in_process(scenario, session, ControllerKind::Tracker)
 }
 
 /// Says how far a study is.

@@ -5,7 +5,7 @@ use super::figures::profile_text;
 use super::studies::{
     DELAYS_MS, FAINTER_DB, MAP_SEEDS, MAPPED, MapTrial, PROFILES, RATES_HZ, SEEDS, Studies, Trial,
 };
-use crate::output::wilson;
+use crate::output::{median, wilson};
 use crate::page::{Block, Column, Row, Section, Table};
 
 /// Both sections.
@@ -32,10 +32,10 @@ fn profiles(studies: &Studies) -> Section {
             let passed = trials.iter().filter(|trial| trial.passed).count();
             let false_recoveries: u64 = trials.iter().map(|trial| trial.metrics.false_recoveries).sum();
             let silent_s: f64 = trials.iter().filter_map(|trial| trial.metrics.silent_loss_s).sum();
-            let rmse_mm = median(trials.iter().filter_map(|trial| trial.metrics.tip_rmse_mm).collect());
+            let rmses_mm: Vec<f64> = trials.iter().filter_map(|trial| trial.metrics.tip_rmse_mm).collect();
             cells.extend([
                 format!("{passed} of {}", trials.len()),
-                rmse_mm.map_or("–".to_owned(), |mm| format!("{mm:.2}")),
+                median(&rmses_mm).map_or("–".to_owned(), |mm| format!("{mm:.2}")),
                 false_recoveries.to_string(),
                 format!("{silent_s:.1}"),
             ]);
@@ -129,9 +129,4 @@ fn breaking(studies: &Studies) -> Section {
             },
         ],
     )
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }

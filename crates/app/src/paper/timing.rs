@@ -8,6 +8,7 @@ use sonoloop_types::{Optimisation, Profile, Similarity, TrackState, TrackerSetti
 use super::sequence::Sequence;
 use super::updates::begin;
 use crate::error::AppError;
+use crate::output::median;
 
 /// The paper's template, and that of its Fig. 1.
 const TEMPLATES_PX: [u32; 2] = [20, 61];
@@ -75,12 +76,7 @@ fn cell(sequence: &Sequence, settings: TrackerSettings) -> Result<Cell, AppError
             }
         }
     }
-    let of_image = |times: &Vec<f64>| {
-        let mut times = times.clone();
-        times.sort_by(f64::total_cmp);
-        times.get(times.len() / 2).copied()
-    };
-    let medians: Vec<f64> = times_us.iter().filter_map(of_image).collect();
+    let medians: Vec<f64> = times_us.iter().filter_map(|times| median(times)).collect();
     let timed = times_us.iter().zip(&iterations).filter(|(times, _)| !times.is_empty());
     let total: u32 = timed.map(|(_, iterations)| iterations).sum();
     let images = medians.len();

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Does the same for every case, `jobs` at a time; results in the order of the cases.
-pub(super) fn each<C: Sync, R: Send>(jobs: usize, cases: &[C], work: impl Fn(&C) -> R + Sync) -> Vec<R> {
+pub(crate) fn each<C: Sync, R: Send>(jobs: usize, cases: &[C], work: impl Fn(&C) -> R + Sync) -> Vec<R> {
     let next = AtomicUsize::new(0);
     let results: Mutex<Vec<Option<R>>> =
         Mutex::new(std::iter::repeat_with(|| None).take(cases.len()).collect());
