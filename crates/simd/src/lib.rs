@@ -81,20 +81,21 @@ macro_rules! wide {
     };
 }
 
-/// Tells the CPU that values will be read soon, by lines of its caches; it may ignore that.
+/// Tells the CPU that the values from a place on will be read soon; it may ignore that.
 #[inline(always)]
-pub fn prefetch(values: &[u32]) {
+pub fn prefetch(values: &[u32], at: usize) {
     #[cfg(target_arch = "x86_64")]
-    for line in values.chunks(16) {
+    {
         use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let address = values.as_ptr().wrapping_add(at);
         #[expect(unsafe_code, reason = "the instruction takes a bare address")]
         // SAFETY: it reads nothing that the program sees, and never fails, whatever the address.
         unsafe {
-            _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast());
+            _mm_prefetch::<_MM_HINT_T0>(address.cast());
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = values;
+    let _ = (values, at);
 }
 
 /// Whole number next to `v`, for |v| below 2²²; a tie goes to the even one. Rounding by a cast does not vectorise.

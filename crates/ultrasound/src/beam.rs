@@ -48,7 +48,8 @@ pub struct Grain {
     pub rows_per_scatterer: f64,
     /// Strains at which the tape of moved tissue is kept.
     pub strain_step: f64,
-    /// By how many rows, over a stride of moved scatterers, the last may drift from where the tape has it.
+    /// By how many rows, over a stride of moved scatterers in the middle of the slice, the last may drift from where the tape
+    /// has it; three times as many where the slice ends.
     pub drift_rows: f32,
     /// Lines of the working grid per column of the picture, for [`Self::new`]'s lines per σ of the lateral beam: two lines
     /// stand for what lies between them, and by how much they miss it is a matter of their distance over σ.
@@ -74,7 +75,7 @@ impl Grain {
                 sub_delays: 24,
                 rows_per_scatterer: 1.0,
                 strain_step: 0.03,
-                drift_rows: 0.15,
+                drift_rows: 0.17,
                 lines_per_px,
                 columns_per_width: 8,
             },

@@ -1,8 +1,8 @@
 //! From sheared lines to display columns: the lateral beam, row by row.
 
 use crate::{
-    beam::{Beam, unit_energy_peak},
-    instructions::{Instructions, wide},
+    beam::{Beam, PROFILE_REACH, unit_energy_peak},
+    instructions::{Instructions, nearest_f32, wide},
     paths::Paths,
     splat::{BAND, CHUNK, Grid},
 };
@@ -13,6 +13,8 @@ const BLOCK: usize = crate::paths::ACROSS;
 const PHASES: usize = 64;
 /// Beam widths kept per unit of widening.
 const WIDTHS: f64 = 32.0;
+/// Distance of the depths at which beam widths are known. They are taken for chunks of rows, 0.6 mm for a 7.5 MHz probe.
+const WIDENING_STEP_M: f64 = 0.1e-3;
 /// Terms of the dual's series on each side: 0.268^12 is 1e-7.
 const DUAL_TERMS: i32 = 12;
 
@@ -33,11 +35,13 @@ pub struct LateralFilters {
     pub radius: usize,
     /// Lines per column of the picture.
     per_px: usize,
+    /// How much wider than at the focus the beam is, every [`WIDENING_STEP_M`] down: of each block of columns.
+    widening: Vec<Vec<f32>>,
 }
 
 impl LateralFilters {
-    /// `half_width_m` and `deepest_m` bound the picture, where the beam is widest.
-    pub fn new(beam: &Beam, spacing_m: f64, half_width_m: f64, deepest_m: f64) -> Self {
+    /// `half_width_m` and `deepest_m` bound the picture, where the beam is widest; `columns` are so many from its left side on.
+    pub fn new(beam: &Beam, spacing_m: f64, half_width_m: f64, deepest_m: f64, columns: usize) -> Self {
         let per_px = beam.grain.lines_per_px;
         let line_pitch_m = spacing_m / per_px as f64;
         let widest = beam.most_widening(half_width_m, deepest_m) * Paths::most_stretch();
@@ -51,20 +55,30 @@ impl LateralFilters {
             })
             .collect();
         let radius = filters.iter().map(|f| f.radius).max().unwrap_or(0);
-        Self { filters, radius, per_px }
-    }
-
-    fn index(&self, widening: f64) -> usize {
-        (((widening - 1.0) * WIDTHS + 0.5) as usize).min(self.filters.len() - 1)
+        let shared = beam.grain.columns_per_width;
+        let at_depth = |depth_m: f64| {
+            let of_block = |block: usize| {
+                let column = block * BLOCK / shared * shared + shared / 2;
+                beam.widening(column as f64 * spacing_m - half_width_m, depth_m) as f32
+            };
+            (0..columns / BLOCK).map(of_block).collect()
+        };
+        // Rows of the grid reach below the picture by a pulse.
+        let deepest_m = deepest_m + PROFILE_REACH * beam.most_sigma_axial_m();
+        let depths = 0..(deepest_m / WIDENING_STEP_M) as usize + 2;
+        let widening = depths.map(|step| at_depth(step as f64 * WIDENING_STEP_M)).collect();
+        Self { filters, radius, per_px, widening }
     }
 
     /// Which filter each block of columns takes at a depth.
-    fn select(&self, beam: &Beam, paths: &Paths, map: &LineMap, depth_m: f64, blocks: &mut [u16]) {
+    fn select(&self, paths: &Paths, depth_m: f64, blocks: &mut [u16]) {
+        let step = (depth_m * (1.0 / WIDENING_STEP_M) + 0.5) as usize;
+        let widening = &self.widening[step.min(self.widening.len() - 1)];
+        let most = (self.filters.len() - 1) as f32;
         let stretches = paths.stretches_at(depth_m).chain(core::iter::repeat(1.0));
-        for ((b, index), stretch) in blocks.iter_mut().enumerate().zip(stretches) {
-            let shared = beam.grain.columns_per_width;
-            let x_m = map.first_x_m + (b * BLOCK / shared * shared + shared / 2) as f64 * map.pitch_m;
-            *index = self.index(beam.widening(x_m, depth_m) * f64::from(stretch)) as u16;
+        for ((index, widening), stretch) in blocks.iter_mut().zip(widening).zip(stretches) {
+            let at = (widening * stretch - 1.0) * WIDTHS as f32;
+            *index = nearest_f32(at.clamp(0.0, most)) as u16;
         }
     }
 }
@@ -80,7 +94,7 @@ wide! {
         filter_of_block: &[u16],
         out: [&mut [f32]; 2],
     ) {
-        let LateralFilters { filters, radius, per_px } = filters;
+        let LateralFilters { filters, radius, per_px, .. } = filters;
         let [out_re, out_im] = out;
         let phase = (fraction * PHASES as f64 + 0.5) as usize;
         let mut block = 0;
@@ -198,9 +212,6 @@ pub struct LineMap {
     pub at_row_0: f64,
     pub per_row: f64,
     pub row_step_m: f64,
-    /// x of column 0.
-    pub first_x_m: f64,
-    pub pitch_m: f64,
 }
 
 impl LineMap {
@@ -249,7 +260,7 @@ impl LateralScratch {
 
     /// Loads the chunk of `row`; returns its first row.
     fn load(&mut self, filters: &BeamFilters, row: usize, columns: usize) -> usize {
-        let BeamFilters { beam, paths, lateral, grid, map, .. } = filters;
+        let BeamFilters { paths, lateral, grid, map, .. } = filters;
         let first_row = row / CHUNK * CHUNK;
         let ends = [first_row, first_row + CHUNK - 1].map(|row| map.line_at(row).floor() as i64);
         let first = ends[0].min(ends[1]) - lateral.radius as i64 + 1;
@@ -263,7 +274,7 @@ impl LateralScratch {
         // Widths change little over a chunk (0.6 mm for a 7.5 MHz probe).
         let depth_m = (first_row + CHUNK / 2) as f64 * map.row_step_m;
         self.blocks.resize(columns / BLOCK, 0);
-        lateral.select(beam, paths, map, depth_m, &mut self.blocks);
+        lateral.select(paths, depth_m, &mut self.blocks);
         self.first_row = Some(first_row);
         first_row
     }

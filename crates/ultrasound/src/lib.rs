@@ -18,8 +18,8 @@
 //! along the phantom's columns: lines one pixel apart, sheared with the tilt, rows one lattice step apart.
 //! Along a column the line fraction, the depth fraction and the phase are then constant, and a column is one
 //! multiply-add of a shared noise tape into two lines. Where a probe presses ([`sonoloop_types::Indentation`]) or a
-//! needle's tip drags ([`sonoloop_types::Drag`]) columns bend: runs of them, nearly straight on rows that follow the
-//! tissue, are added as straight columns are, and scatterers one by one where there are no such runs.
+//! needle's tip drags ([`sonoloop_types::Drag`]) columns bend: on rows that follow the tissue eight scatterers at a time are
+//! nearly straight and are added as straight columns are, and scatterers one by one where they are not.
 //!
 //! | file | does |
 //! |---|---|
@@ -31,7 +31,7 @@
 //! | `elevation` | weights by elevation and row |
 //! | `jobs`, `splat` | which stretch of tape goes where; adding it |
 //! | `motion`, `warp` | where pressed tissue is; rows that follow it |
-//! | `points`, `runs` | which of its columns show, and where; adding them run by run |
+//! | `points`, `strides` | which of its columns show, and where; adding them stride by stride |
 //! | `lateral`, `axial` | dual beam filter per row; pulse onto the display rows |
 //! | `needle` | echoes of the steel: shaft, tip, their repeats and side lobes |
 //! | `boundary` | mirrors where materials meet |
@@ -87,10 +87,10 @@ mod paths;
 mod points;
 pub mod reference;
 mod renderer;
-mod runs;
 mod shear;
 mod splat;
 mod stamp;
+mod strides;
 mod table;
 mod tape;
 mod warp;

@@ -54,6 +54,7 @@ impl March {
 
     /// Down by one row of knots, whose steps let so much through and delay so much. Knots lie as far apart across as
     /// down.
+    #[inline(always)]
     pub fn step(&mut self, beam: &Beam, transmission: &[f32], delay_m: &[f32]) {
         for direction in 0..DIRECTIONS {
             // What is here now was beside here one row above, on the side that the ray comes from.
@@ -81,6 +82,7 @@ impl March {
     }
 
     /// Weight of one direction at each knot: the array may end before it.
+    #[inline(always)]
     pub fn weigh(&mut self, direction: usize, plane: &Plane, wanted_m: f64, half_aperture_m: f64) {
         let part_m = wanted_m / DIRECTIONS as f64;
         let from_m = plane.first_x_m + wanted_m * (direction as f64 / DIRECTIONS as f64 - 0.5);
@@ -97,6 +99,7 @@ impl March {
     }
 
     /// Weight times transmission of one direction.
+    #[inline(always)]
     pub fn transmit(&mut self, direction: usize) {
         let transmission = &self.transmission[direction * self.across..][..self.across];
         for (i, clear) in self.clear.iter_mut().enumerate() {
@@ -106,6 +109,7 @@ impl March {
     }
 
     /// Adds one direction to the sum without steel.
+    #[inline(always)]
     pub fn sum_unshaded(&mut self) {
         for (unshaded, part) in self.unshaded.iter_mut().zip(&self.part) {
             *unshaded += part;
@@ -113,6 +117,7 @@ impl March {
     }
 
     /// Adds one direction to the sums.
+    #[inline(always)]
     pub fn sum(&mut self, direction: usize) {
         let delay_m = &self.delay_m[direction * self.across..][..self.across];
         for (i, &delay_m) in delay_m.iter().enumerate() {
@@ -123,6 +128,7 @@ impl March {
     }
 
     /// Turns sums into means.
+    #[inline(always)]
     pub fn divide(&mut self) {
         for (i, total) in self.total.iter().enumerate() {
             let scale = if *total > 0.0 { 1.0 / total } else { 0.0 };
@@ -135,6 +141,7 @@ impl March {
 }
 
 /// Moves values by a part of a knot, those beyond the end staying as they are. `before` is scratch.
+#[inline(always)]
 fn shifted(values: &mut [f32], before: &mut Vec<f32>, shift: f32) {
     before.clear();
     before.extend_from_slice(values);

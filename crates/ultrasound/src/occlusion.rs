@@ -175,12 +175,13 @@ impl Occlusion {
     }
 
     /// Takes away what the steel hides from one direction at a row of knots so far down, knot by knot.
+    #[inline(always)]
     pub fn shade(&mut self, direction: usize, row: usize, beam: &Beam, depth_m: f64, part: &mut [f32]) {
         // One way the beam is √2 thicker than both ways together.
         let thickness_m = (core::f64::consts::SQRT_2 * beam.thickness_m(depth_m)) as f32;
         let (height_m, per_depth) = (self.element_height_m as f32, (1.0 / depth_m) as f32);
         let place = first_ray(direction, row, beam) + self.margin as f64;
-        let (first, past) = (place as usize, (place - place.floor()) as f32);
+        let (first, past) = (place as usize, (place - place as usize as f64) as f32);
         let rays = part.len() + 2 * self.margin;
         let covers = &self.covers[direction * rays + first..][..part.len() + 1];
         self.covered.clear();

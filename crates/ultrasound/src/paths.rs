@@ -13,6 +13,7 @@ use crate::{
     columns::{Columns, Layer},
     contact::Contact,
     fast::{NEPER_PER_POWER_DB, exp_minus, power_db},
+    instructions::{Instructions, wide},
     lattice::Lattice,
     march::{DIRECTIONS, March},
     motion::Motion,
@@ -20,9 +21,12 @@ use crate::{
     occlusion::Occlusion,
 };
 
-/// Pixels between knots of the map, across and down.
+/// Pixels between knots of the map, across and down, and how far each pixel lies between two of them.
 pub const ACROSS: usize = 4;
+const SHARES: [f32; ACROSS] = [0.0, 0.25, 0.5, 0.75];
 const DOWN: usize = 4;
+/// Knots from one to the next at which it is known how far tissue has moved: 0.8 mm in a picture 48 mm deep.
+const COARSE: usize = 2;
 /// A place is never drawn farther from its depth than this; the axial filter has no more rows at hand.
 pub const MAX_DELAY_M: f64 = 2.5e-3;
 /// The centre frequency never falls below this share of the transmitted one: the spectrum is no Gaussian then.
@@ -44,6 +48,11 @@ impl Plane {
 
     pub fn knots_down(&self) -> usize {
         self.rows / DOWN + 2
+    }
+
+    /// How many knots of every [`COARSE`]th there are across and down, the last of them at or beyond the others' last.
+    fn coarse(&self) -> (usize, usize) {
+        (self.knots_across().div_ceil(COARSE) + 1, self.knots_down().div_ceil(COARSE) + 1)
     }
 
     pub fn step_m(&self) -> f64 {
@@ -79,6 +88,8 @@ pub struct Paths {
     /// One-way transmission, and delay, of the step above each knot.
     step_transmission: Vec<f32>,
     step_delay_m: Vec<f32>,
+    /// By how far tissue has moved to every [`COARSE`]th knot.
+    moved_m: Vec<Vector>,
     march: March,
 }
 
@@ -101,28 +112,50 @@ impl Paths {
             occlusion: Occlusion::new(probe),
             step_transmission: zeros(),
             step_delay_m: zeros(),
+            moved_m: Vec::new(),
             march: March::default(),
         }
     }
 
     /// Fills the maps for one needle and contact, after [`Self::sample`]. `shaft` is the needle's.
-    pub fn build(&mut self, beam: &Beam, slice: &Slice, shaft: &Shaft) {
+    pub fn build(&mut self, instructions: Instructions, beam: &Beam, slice: &Slice, shaft: &Shaft) {
         self.contact.set(slice, &self.plane, beam);
         self.occlusion.trace(beam, slice, shaft, &self.plane);
         self.unshaded.clear();
         if self.occlusion.any() {
             self.unshaded.resize(self.two_way.len(), 0.0);
         }
-        let across = self.plane.knots_across();
-        self.march.start(across);
-        for row in 0..self.plane.knots_down() {
-            if row > 0 {
-                let steps = row * across..(row + 1) * across;
-                self.march.step(beam, &self.step_transmission[steps.clone()], &self.step_delay_m[steps]);
-            }
-            self.finish_row(beam, row);
-        }
+        self.march.start(self.plane.knots_across());
+        march_down(instructions, self, beam);
         self.show();
+    }
+
+    /// Where every second knot's tissue has moved from, by a fixed-point step from where that of the one above had.
+    fn sample_motion(&mut self, phantom_from_probe: &Pose, motion: &Motion) {
+        let step_m = self.plane.step_m();
+        let down_m = phantom_from_probe * Vector::z() * (COARSE as f64 * step_m);
+        let (across, rows) = self.plane.coarse();
+        self.moved_m.resize(across * rows, Vector::zeros());
+        for i in 0..across {
+            let x_m = self.plane.knot_x_m(COARSE * i);
+            let mut point = phantom_from_probe * Point::new(x_m, 0.0, step_m / 2.0);
+            let mut moved_m = Vector::zeros();
+            for row in 0..rows {
+                moved_m = motion.displacement_m(point - moved_m);
+                self.moved_m[row * across + i] = moved_m;
+                point += down_m;
+            }
+        }
+    }
+
+    /// What [`Self::sample_motion`] found, between its knots.
+    fn moved_m(&self, row: usize, i: usize) -> Vector {
+        let (across, _) = self.plane.coarse();
+        let [above, below] = [row / COARSE, row.div_ceil(COARSE)].map(|row| {
+            let row = &self.moved_m[row * across..];
+            row[i / COARSE] + row[i.div_ceil(COARSE)]
+        });
+        (above + below) * 0.25
     }
 
     /// Loss and delay of every step, read off the tissue's columns; none without a pose.
@@ -141,6 +174,9 @@ impl Paths {
             self.step_transmission.fill(1.0);
             return;
         };
+        if let Some(motion) = motion {
+            self.sample_motion(phantom_from_probe, motion);
+        }
         let step_m = self.plane.step_m();
         let down = phantom_from_probe * Vector::z();
         // Scatterers of a column that one step passes; a step nearly along the layers counts as one point.
@@ -151,11 +187,8 @@ impl Paths {
             let mut column = None;
             let mut layers: &[Layer] = &[];
             let mut top = 0.0;
-            let mut moved_m = Vector::zeros();
             for row in 1..self.plane.knots_down() {
-                // What was moved here: a fixed-point step from where the tissue of the knot above had come from.
-                moved_m = motion.map_or(moved_m, |motion| motion.displacement_m(point - moved_m));
-                let rest = point - moved_m;
+                let rest = if motion.is_some() { point - self.moved_m(row - 1, i) } else { point };
                 let indices = lattice.nearest(rest.x, rest.y);
                 let from = lattice.index_at(rest.z) as f32 - per_step / 2.0;
                 let to = from + per_step;
@@ -196,6 +229,7 @@ impl Paths {
     }
 
     /// Means over the aperture at one row of knots.
+    #[inline(always)]
     fn finish_row(&mut self, beam: &Beam, row: usize) {
         let Self { plane, march, contact, occlusion, spread, .. } = self;
         let across = plane.knots_across();
@@ -223,15 +257,8 @@ impl Paths {
         for (delay_m, mean_m) in self.delay_m[knots.clone()].iter_mut().zip(&march.mean_delay_m) {
             *delay_m = mean_m.clamp(-MAX_DELAY_M as f32, MAX_DELAY_M as f32);
         }
-        let out = self.stretch[knots.clone()].iter_mut().zip(&mut self.two_way[knots]);
-        for ((stretch, two_way), (clear, amplitude)) in out.zip(march.clear.iter().zip(&march.amplitude)) {
-            let loss_np = -power_db(*clear) * NEPER_PER_POWER_DB;
-            *stretch = 1.0 / (1.0 - (2.0 * spread * loss_np).min(most));
-            // Low frequencies get farther than the centre one: see `pulse_loss_np`.
-            let gain_np = loss_np - pulse_loss_np(loss_np, spread);
-            let one_way = amplitude / exp_minus(gain_np);
-            *two_way = one_way * one_way;
-        }
+        let (stretch, two_way) = (&mut self.stretch[knots.clone()], &mut self.two_way[knots]);
+        receive(spread, most, &march.clear, &march.amplitude, stretch, two_way);
         // Without the needle's own shadow the amplitude differs by a factor, here and there.
         let unshaded = self.unshaded.get_mut(row * across..).unwrap_or_default();
         let sums = march.unshaded.iter().zip(&march.amplitude).zip(&self.two_way[row * across..]);
@@ -271,8 +298,8 @@ impl Paths {
         let knots = self.shown_two_way.chunks_exact(across);
         for (row, knots) in self.amplitude.chunks_exact_mut(columns).zip(knots) {
             for (part, ends) in row.chunks_mut(ACROSS).zip(knots.windows(2)) {
-                for (j, a) in part.iter_mut().enumerate() {
-                    *a = ends[0] + (ends[1] - ends[0]) * (j as f32 / ACROSS as f32);
+                for (a, share) in part.iter_mut().zip(SHARES) {
+                    *a = ends[0] + (ends[1] - ends[0]) * share;
                 }
             }
         }
@@ -334,7 +361,7 @@ impl Paths {
         let across = self.plane.knots_across();
         let knot = |v: f64, count: usize| {
             let v = v.clamp(0.0, (count - 1) as f64 - 1e-6);
-            (v as usize, (v - v.floor()) as f32)
+            (v as usize, (v - v as usize as f64) as f32)
         };
         let (i, fx) = knot((x_m - self.plane.first_x_m) / (ACROSS as f64 * self.plane.spacing_m), across);
         let (j, fz) = knot(z_m / self.plane.step_m(), self.plane.knots_down());
@@ -342,5 +369,42 @@ impl Paths {
         let along = |row: &[f32]| row[i] + fx * (row[i + 1] - row[i]);
         let (above, below) = (along(&rows[..across]), along(&rows[across..]));
         f64::from(above + fz * (below - above))
+    }
+}
+
+/// Stretch and two-way amplitude, where paths alone let so much through, and with what stands in the way.
+#[inline(always)]
+fn receive(
+    spread: f32,
+    most: f32,
+    clear: &[f32],
+    amplitude: &[f32],
+    stretch: &mut [f32],
+    two_way: &mut [f32],
+) {
+    let out = stretch.iter_mut().zip(two_way);
+    for ((stretch, two_way), (clear, amplitude)) in out.zip(clear.iter().zip(amplitude)) {
+        let loss_np = -power_db(*clear) * NEPER_PER_POWER_DB;
+        let fall = 2.0 * spread * loss_np;
+        *stretch = 1.0 / (1.0 - if fall < most { fall } else { most });
+        // Low frequencies get farther than the centre one: see `pulse_loss_np`.
+        let gain_np = loss_np - pulse_loss_np(loss_np, spread);
+        let one_way = amplitude / exp_minus(gain_np);
+        *two_way = one_way * one_way;
+    }
+}
+
+wide! {
+    /// Row of knots by row of knots, from the face down.
+    fn march_down(paths: &mut Paths, beam: &Beam) {
+        let across = paths.plane.knots_across();
+        for row in 0..paths.plane.knots_down() {
+            if row > 0 {
+                let steps = row * across..(row + 1) * across;
+                let Paths { march, step_transmission, step_delay_m, .. } = &mut *paths;
+                march.step(beam, &step_transmission[steps.clone()], &step_delay_m[steps]);
+            }
+            paths.finish_row(beam, row);
+        }
     }
 }

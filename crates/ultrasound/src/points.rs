@@ -1,7 +1,7 @@
 //! Moved tissue: every scatterer where it has gone.
 //!
 //! Columns are straight no more, but along one band of lines all of them are moved nearly alike. On rows that follow the
-//! tissue (`warp`) they are nearly straight again, and are added run by run (`runs`).
+//! tissue (`warp`) they are nearly straight again, and are added stride by stride (`strides`).
 
 use core::ops::Range;
 
@@ -11,20 +11,22 @@ use sonoloop_types::{Pose, Vector};
 use crate::{
     beam::Beam,
     columns::{self, Columns},
-    elevation::ElevationTable,
+    elevation::{ElevationTable, STRIDE},
     fast::{exp_minus, floor},
     instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
-    runs::{KNOT, Knots, LONGEST, Place, ROWS, Run, add_column},
     shear::{Shear, Slab},
-    splat::{BAND, Grid, transpose},
-    tape::{BakedTape, DELAY_REACH},
+    splat::{self, Grid, transpose},
+    strides::{Band, Block, Places, Strides, add_column},
+    tape::BakedTape,
     warp::{Press, Warp, straighten},
 };
 
 /// Bands per task; fixed, though results do not depend on it.
 const TASK_BANDS: usize = 2;
+/// Rows at a time that are looked at for whether a column shows there.
+const GLANCE: usize = 8 * STRIDE;
 /// Parts of the lattice's rows that are listed at a time; fixed, though results do not depend on it.
 const PARTS: usize = 8;
 
@@ -39,14 +41,16 @@ pub struct Column {
     rows_down: f32,
     rows_aside: f32,
     along_aside_m: f32,
-    elevation_aside_m: f32,
+    pub elevation_aside_m: f32,
     /// Place among the grid's lines at rest, and what [`Flow::spread`] scales to lines.
     line: f32,
-    lines_aside: f32,
+    pub lines_aside: f32,
     /// Squared distance from the axis through the place that the needle drags, along the columns.
     from_drag_m2: f32,
     pub tape: usize,
     pub layers: columns::Range,
+    /// Rows of the grid above and below which none of it shows.
+    pub shown: [f32; 2],
 }
 
 /// What the needle drags, seen along the columns.
@@ -65,33 +69,44 @@ struct Dragged {
 
 /// What all scatterers of a picture share.
 pub struct Flow {
-    /// 0, 1, 2, …, and how many of them go together.
-    pub steps: Vec<f32>,
-    pub stride: usize,
-    /// Of all scatterers of a column: how far they lie below the first one at rest, in rows, and [`Motion::by_depth`].
-    pub numbers: Vec<f32>,
-    sunk: Vec<f32>,
-    spread: Vec<f32>,
-    /// The same of every [`KNOT`]th.
-    knot_numbers: Vec<f32>,
-    knot_sunk: Vec<f32>,
-    knot_spread: Vec<f32>,
+    /// Scatterers of a column.
+    pub scatterers: usize,
+    /// Of all of them, from [`BEFORE`] ahead of the first one to some behind the last.
+    each: Followed,
+    /// Of every [`STRIDE`]th, from each of the first on.
+    every_stride: [Followed; STRIDE],
     /// Rows per metre down and aside; metres along lines and in elevation per metre aside.
     rows_per_m: [f64; 2],
     along_per_aside: f64,
     elevation_per_aside: f64,
     dragged: Option<Dragged>,
-    /// Rows of the grid that scatterers reach into it from.
-    pub rows: [f32; 2],
-    /// Of the carrier, from one scatterer at rest to the next.
+    /// Scatterer at rest that lies in the middle of a grid, if its column begins at row 0, and rows from one to the next.
+    middle: f32,
+    pub rows_per_scatterer: f32,
+    /// Turns of the carrier from one scatterer at rest to the next.
     pub turns_per_row: f64,
-    along_per_row: f32,
-    elevation_per_row: f32,
+    pub along_per_row: f32,
+    pub elevation_per_row: f32,
     /// Half the width that shows.
     pub reach_m: f32,
-    /// The most that the slice reaches among [`KNOT`] rows from every [`KNOT`]th row of the grid on; among twice as many, and
-    /// so on up to the longest run's.
-    widest_m: Vec<Vec<f32>>,
+}
+
+/// Scatterers ahead of a column's first one, and behind its last one, up to which its tissue's motion is known.
+const BEFORE: usize = 2 * STRIDE;
+const BEHIND: usize = 20 * STRIDE;
+
+/// Of some scatterers of any column: how far they lie below the first one at rest, in rows, and [`Motion::by_depth`].
+#[derive(Default)]
+struct Followed {
+    numbers: Vec<f32>,
+    sunk: Vec<f32>,
+    spread: Vec<f32>,
+}
+
+impl Followed {
+    fn part(&self, range: Range<usize>) -> [&[f32]; 3] {
+        [&self.numbers, &self.sunk, &self.spread].map(|values| &values[range.clone()])
+    }
 }
 
 /// Scatterers of moved tissue.
@@ -99,6 +114,8 @@ pub struct Flow {
 pub struct Points {
     parts: Vec<Part>,
     warps: Vec<Warp>,
+    /// First and last class of the strain.
+    classes: [i32; 2],
     scratch: Vec<Scratch>,
 }
 
@@ -117,9 +134,8 @@ struct Scratch {
     by_line: Vec<f32>,
     /// The same by row and line.
     by_row: Vec<f32>,
-    knots: Knots,
-    runs: Vec<Run>,
-    single: Knots,
+    strides: Strides,
+    block: Block,
 }
 
 /// Where columns stand at rest that meet the slice.
@@ -142,15 +158,21 @@ pub struct Model<'a> {
 
 impl Points {
     /// Lays the rows of all bands of lines. Returns the first and the last class of the strain there.
-    pub fn lay(&mut self, press: &Press, shear: &Shear, elevation: &ElevationTable) -> [i32; 2] {
-        self.warps.resize_with(shear.lines.div_ceil(BAND), Warp::default);
+    pub fn lay(
+        &mut self,
+        instructions: Instructions,
+        press: &Press,
+        shear: &Shear,
+        elevation: &ElevationTable,
+    ) -> [i32; 2] {
+        self.warps.resize_with(shear.lines.div_ceil(splat::BAND), Warp::default);
         self.warps.par_iter_mut().enumerate().for_each(|(index, warp)| {
-            warp.lay(press, shear, elevation, index * BAND + BAND / 2);
+            warp.lay(instructions, press, shear, elevation, index * splat::BAND + splat::BAND / 2);
         });
-        self.warps
-            .iter()
-            .map(Warp::classes)
-            .fold([i32::MAX, i32::MIN], |[least, most], [low, high]| [least.min(low), most.max(high)])
+        let classes = self.warps.iter().map(Warp::classes);
+        self.classes =
+            classes.fold([i32::MAX, i32::MIN], |[least, most], [low, high]| [least.min(low), most.max(high)]);
+        self.classes
     }
 
     /// Clears the grid and adds every scatterer that shows, after [`Self::lay`], on a tape that was prepared for its classes.
@@ -164,37 +186,42 @@ impl Points {
         grid: &mut Grid,
     ) {
         let Model { instructions, beam, tape, elevation, shear } = model;
-        let flow = Flow::new(beam, shear, elevation, lattice, tissue, phantom_from_probe, motion);
+        let flow = Flow::new(beam, shear, lattice, tissue, phantom_from_probe, motion);
         self.list(&flow, shear, elevation, lattice, tissue, motion);
         let bands = grid.bands(shear.lines);
         self.scratch.resize_with(bands.len().div_ceil(TASK_BANDS), Scratch::default);
-        let (parts, warps) = (&self.parts, &self.warps);
+        let (parts, warps, classes) = (&self.parts, &self.warps, self.classes);
         let tasks = bands.par_chunks_mut(TASK_BANDS).zip(&mut self.scratch);
         tasks.enumerate().for_each(|(task, (bands, scratch))| {
-            let Scratch { by_line, by_row, knots, runs, single } = scratch;
+            let Scratch { by_line, by_row, strides, block } = scratch;
             for (i, band) in bands.iter_mut().enumerate() {
                 let index = task * TASK_BANDS + i;
                 let warp = &warps[index];
                 let len = warp.len();
                 // With the lines beside the band, which columns reach into as well; they are dropped.
                 by_line.clear();
-                by_line.resize((BAND + 2) * 2 * len, 0.0);
-                let (first_line, drift_rows) = ((index * BAND) as i32, beam.grain.drift_rows);
-                let tapes: Vec<&[u32]> =
-                    warp.class.iter().map(|&class| &*tape.strained(class).samples).collect();
-                let place = Place { flow: &flow, tape, tapes: &tapes, warp, tissue, drift_rows, first_line };
+                by_line.resize((splat::BAND + 2) * 2 * len, 0.0);
+                let first_line = (index * splat::BAND) as i32;
+                let (drift_rows, strain_step) = (beam.grain.drift_rows, beam.grain.strain_step as f32);
+                let place =
+                    Band { flow: &flow, tape, warp, tissue, drift_rows, strain_step, classes, first_line };
                 for part in parts {
                     for &column in &part.by_band[index] {
-                        let column = &part.columns[column as usize];
-                        flow.follow_knots(instructions, column, knots);
-                        add_column(instructions, &place, column, knots, runs, single, by_line);
+                        add_column(
+                            instructions,
+                            &place,
+                            &part.columns[column as usize],
+                            strides,
+                            block,
+                            by_line,
+                        );
                     }
                 }
                 let by_line = &by_line[2 * len..];
                 // Every value is overwritten.
-                by_row.resize(len * 2 * BAND, 0.0);
+                by_row.resize(len * 2 * splat::BAND, 0.0);
                 transpose(instructions, by_line, 2 * len, len, by_row);
-                transpose(instructions, &by_line[len..], 2 * len, len, &mut by_row[BAND..]);
+                transpose(instructions, &by_line[len..], 2 * len, len, &mut by_row[splat::BAND..]);
                 straighten(instructions, warp, by_row, tape, band.whole(shear.rows));
             }
         });
@@ -211,10 +238,15 @@ impl Points {
         motion: &Motion,
     ) {
         let slab = slab(elevation, Some(motion));
-        let widest_m = elevation.slab().reach_m;
-        let deepest_m = shear.rows as f64 * shear.row_step_m;
-        let steepest = f64::from(flow.spread.iter().copied().fold(0.0, f32::max));
-        let bands = shear.lines.div_ceil(BAND);
+        let widest_m: Vec<f64> = (0..shear.rows.div_ceil(GLANCE))
+            .map(|block| {
+                let rows = (block * GLANCE..=(block + 1) * GLANCE).step_by(STRIDE);
+                rows.map(|row| f64::from(elevation.profile(row as f64).reach_m)).fold(0.0, f64::max)
+            })
+            .collect();
+        let slope = shear.elevation_slope * shear.row_step_m * GLANCE as f64;
+        let steepest = f64::from(flow.each.spread.iter().copied().fold(0.0, f32::max));
+        let bands = shear.lines.div_ceil(splat::BAND);
         let rows = shear.rows_across();
         let (first, count) = (*rows.start(), rows.count());
         self.parts.resize_with(PARTS, Part::default);
@@ -242,13 +274,15 @@ impl Points {
                     });
                     let (x_m, e_m) = (shear.x.at(ix, iy), shear.e.at(ix, iy));
                     let elevation_aside_m = aside_m * flow.elevation_per_aside;
-                    let [low_m, high_m] = [f64::min, f64::max].map(|most| {
-                        e_m + most(0.0, deepest_m * shear.elevation_slope)
-                            + most(0.0, elevation_aside_m * steepest)
-                    });
-                    if low_m - dragged_m > widest_m || high_m + dragged_m < -widest_m {
-                        continue;
-                    }
+                    let margin_m = dragged_m + elevation_aside_m.abs() * steepest;
+                    let shows = |block: usize| {
+                        let [above_m, below_m] = [block, block + 1].map(|block| e_m + block as f64 * slope);
+                        let nearest_m =
+                            if above_m * below_m <= 0.0 { 0.0 } else { above_m.abs().min(below_m.abs()) };
+                        nearest_m <= widest_m[block] + margin_m
+                    };
+                    let Some(first_shown) = (0..widest_m.len()).position(shows) else { continue };
+                    let last_shown = (0..widest_m.len()).rposition(shows).unwrap_or(first_shown);
                     let line = |aside_m: f64| {
                         let x_m = x_m + aside_m * flow.along_per_aside;
                         floor((x_m - shear.first_line_m) / shear.line_pitch_m)
@@ -260,7 +294,7 @@ impl Points {
                     if first > last {
                         continue;
                     }
-                    for band in &mut by_band[first as usize / BAND..=last as usize / BAND] {
+                    for band in &mut by_band[first as usize / splat::BAND..=last as usize / splat::BAND] {
                         band.push(columns.len() as u32);
                     }
                     columns.push(Column {
@@ -276,6 +310,7 @@ impl Points {
                         from_drag_m2: from_drag_m2 as f32,
                         tape: lattice.tape_offset(ix, iy),
                         layers,
+                        shown: [first_shown, last_shown + 1].map(|block| (block * GLANCE) as f32),
                     });
                 }
             }
@@ -287,7 +322,6 @@ impl Flow {
     fn new(
         beam: &Beam,
         shear: &Shear,
-        elevation: &ElevationTable,
         lattice: &Lattice,
         tissue: &Columns,
         phantom_from_probe: &Pose,
@@ -296,24 +330,31 @@ impl Flow {
         let probe_from_phantom = phantom_from_probe.inverse();
         let down = probe_from_phantom * -Vector::z();
         let aside = probe_from_phantom * motion.sideways();
-        // Whole stretches between knots, and the knot at their end.
-        let scatterers = tissue.most_scatterers().next_multiple_of(KNOT) + 1;
-        let numbers =
-            (0..scatterers).map(|n| (n as f64 * shear.rows_per_scatterer) as f32).collect::<Vec<_>>();
-        let by_depth = (0..scatterers).map(|n| motion.by_depth((n as f64 + 0.5) * lattice.depth_step_m));
-        let (sunk, spread): (Vec<f32>, Vec<f32>) =
-            by_depth.map(|[f, slope]| (f as f32, slope as f32)).unzip();
+        let scatterers = tissue.most_scatterers();
+        let mut each = Followed::default();
+        let by_depth = |number: f64| motion.by_depth((number + 0.5) * lattice.depth_step_m);
+        // Those ahead of the first one go on as it does, so that its stride does not bend.
+        let [top, next] = [0.0, 1.0].map(by_depth);
+        for i in 0..BEFORE + scatterers + BEHIND {
+            let number = i as f64 - BEFORE as f64;
+            let ahead = [0, 1].map(|part| top[part] + number * (next[part] - top[part]));
+            let [sunk, spread] = if number < 0.0 { ahead } else { by_depth(number) };
+            each.numbers.push((number * shear.rows_per_scatterer) as f32);
+            each.sunk.push(sunk as f32);
+            each.spread.push(spread as f32);
+        }
+        let every = |first: usize| {
+            let every = |values: &[f32]| values[first..].iter().step_by(STRIDE).copied().collect();
+            Followed { numbers: every(&each.numbers), sunk: every(&each.sunk), spread: every(&each.spread) }
+        };
+        let every_stride = core::array::from_fn(every);
         let row_step_m = shear.row_step_m;
-        let knots = |values: &[f32]| values.iter().step_by(KNOT).copied().collect();
         Self {
-            steps: (0..ROWS).map(|i| i as f32).collect(),
-            stride: KNOT,
-            knot_numbers: knots(&numbers),
-            knot_sunk: knots(&sunk),
-            knot_spread: knots(&spread),
-            numbers,
-            sunk,
-            spread,
+            scatterers,
+            each,
+            every_stride,
+            middle: (0.5 * shear.rows as f64 / shear.rows_per_scatterer) as f32,
+            rows_per_scatterer: shear.rows_per_scatterer as f32,
             rows_per_m: [down.z / row_step_m, aside.z / row_step_m],
             along_per_aside: aside.x - shear.lateral_slope * aside.z,
             elevation_per_aside: aside.y - shear.elevation_slope * aside.z,
@@ -331,69 +372,65 @@ impl Flow {
                     lines: (along_m / shear.line_pitch_m) as f32,
                 }
             }),
-            rows: [-(DELAY_REACH as f32), (shear.rows + DELAY_REACH - 1) as f32],
             turns_per_row: beam.two_k_rad_m * row_step_m * shear.rows_per_scatterer / core::f64::consts::TAU,
             along_per_row: (shear.lateral_slope * row_step_m) as f32,
             elevation_per_row: (shear.elevation_slope * row_step_m) as f32,
             reach_m: shear.reach_m as f32,
-            widest_m: {
-                let blocks = (0..=shear.rows / KNOT).map(|block| {
-                    let rows = (0..=KNOT).map(|i| (block * KNOT + i) as f64);
-                    rows.map(|row| elevation.profile(row).reach_m).fold(0.0, f32::max)
-                });
-                let mut levels: Vec<Vec<f32>> = vec![blocks.collect()];
-                for level in 0..LONGEST.ilog2() as usize {
-                    let (below, half) = (&levels[level], 1 << level);
-                    let beyond = below.last().copied().into_iter().cycle();
-                    let further = below[half.min(below.len())..].iter().copied().chain(beyond);
-                    levels.push(below.iter().zip(further).map(|(a, b)| a.max(b)).collect());
-                }
-                levels
-            },
         }
     }
 
-    /// The most that the slice reaches between two rows of the grid, or around one. Those farther apart than the longest run
-    /// count up to there from both.
-    #[inline]
-    pub fn widest_between(&self, above: f32, below: f32) -> f32 {
-        let last = self.widest_m[0].len() - 1;
-        let [first, end] =
-            [above, below].map(|row| ((row * (1.0 / KNOT as f32)).max(0.0) as usize).min(last));
-        let level = ((end - first.min(end) + 1).ilog2() as usize).min(self.widest_m.len() - 1);
-        let blocks = &self.widest_m[level];
-        blocks[first].max(blocks[(end + 1).saturating_sub(1 << level)])
+    /// A scatterer of a column next to the picture's middle, and its row.
+    pub fn middle(&self, column: &Column) -> (usize, f32) {
+        let number = self.middle - column.top_row * (1.0 / self.rows_per_scatterer);
+        let number = (number.max(0.0) as usize).min(self.scatterers);
+        let [numbers, sunk, spread] =
+            self.each.part(BEFORE + number..BEFORE + number + 1).map(|values| values[0]);
+        (number, column.top_row + numbers + column.rows_down * sunk + column.rows_aside * spread)
     }
 
-    /// Where a column's knots are, but for the rows of a warp.
-    pub fn follow_knots(&self, instructions: Instructions, column: &Column, knots: &mut Knots) {
-        let numbers = [&*self.knot_numbers, &*self.knot_sunk, &*self.knot_spread];
-        follow(instructions, self, column, numbers, knots);
+    /// What [`Self::follow`] takes for so many strides of scatterers from the one with a number on, which may lie up to
+    /// [`BEFORE`] ahead of the first one; the last may lie up to [`BEHIND`] behind the last one.
+    pub fn every_stride(&self, first: i32, count: usize) -> [&[f32]; 3] {
+        let index = (first + BEFORE as i32) as usize;
+        self.every_stride[index % STRIDE].part(index / STRIDE..index / STRIDE + count)
     }
 
-    /// Whether tissue between knots may move unlike that at both.
+    /// Whether the needle drags tissue.
     pub fn is_dragged(&self) -> bool {
         self.dragged.is_some()
     }
 
-    /// Where some of its scatterers are.
+    /// Where a column's scatterers are.
+    pub fn follow(
+        &self,
+        instructions: Instructions,
+        column: &Column,
+        numbers: [&[f32]; 3],
+        places: &mut Places,
+    ) {
+        follow(instructions, self, column, numbers, places);
+    }
+
+    /// The same of some with these numbers.
     pub fn follow_each(
         &self,
         instructions: Instructions,
         column: &Column,
         numbers: Range<usize>,
-        single: &mut Knots,
+        places: &mut Places,
     ) {
-        let numbers = [&self.numbers[numbers.clone()], &self.sunk[numbers.clone()], &self.spread[numbers]];
-        follow(instructions, self, column, numbers, single);
+        let numbers = self.each.part(BEFORE + numbers.start..BEFORE + numbers.end);
+        follow(instructions, self, column, numbers, places);
     }
 }
 
 wide! {
-    fn follow(flow: &Flow, column: &Column, numbers: [&[f32]; 3], out: &mut Knots) {
+    fn follow(flow: &Flow, column: &Column, numbers: [&[f32]; 3], out: &mut Places) {
         let count = numbers[0].len();
         for values in [&mut out.row, &mut out.e_m, &mut out.x_m, &mut out.line] {
-            values.resize(count, 0.0);
+            if values.len() < count {
+                values.resize(count, 0.0);
+            }
         }
         let (row, e_m) = (&mut out.row[..count], &mut out.e_m[..count]);
         let (x_m, line) = (&mut out.x_m[..count], &mut out.line[..count]);

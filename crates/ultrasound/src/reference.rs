@@ -8,6 +8,7 @@ use sonoloop_types::{Drag, Indentation, NeedleSpec, Point, ProbeSpec, Slice, Tis
 use crate::{
     beam::{Beam, amplitude_from_db, unit_energy_peak},
     columns::Columns,
+    instructions::Instructions,
     lattice::{Lattice, TAPE_LENGTH},
     motion::Motion,
     needle::{NeedleEchoes, Shaft},
@@ -109,7 +110,7 @@ pub fn field(
     let moves = indentation.is_some() || drag.is_some();
     let motion = moves.then(|| Motion::new(indentation.as_ref(), drag));
     paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());
-    paths.build(&beam, slice, &Shaft::new(needle));
+    paths.build(Instructions::PLAIN, &beam, slice, &Shaft::new(needle));
     let mut canvas =
         Canvas { beam: &beam, paths: &paths, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
 

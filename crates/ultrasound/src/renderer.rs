@@ -19,7 +19,7 @@ use crate::{
     lattice::Lattice,
     motion::Motion,
     needle::{NeedleEchoes, Shaft},
-    paths::{Paths, Plane},
+    paths::{self, Paths, Plane},
     points::{self, Points},
     shear::Shear,
     splat::{Grid, Sources},
@@ -90,7 +90,7 @@ impl Echoes {
         layout: &Layout,
     ) {
         let Self { shaft, needle, surfaces, stamps } = self;
-        rayon::join(|| needle.build(beam, tape, slice), || paths.build(beam, slice, shaft));
+        rayon::join(|| needle.build(beam, tape, slice), || paths.build(instructions, beam, slice, shaft));
         stamp::prepare(instructions, stamps, beam, paths, [&*needle.echoes, surfaces], layout);
     }
 }
@@ -210,7 +210,7 @@ impl Renderer {
         let spacing_m = frame.geometry.spacing_m;
         Self {
             instructions: Instructions::widest(),
-            lateral: LateralFilters::new(&beam, spacing_m, half_width_m, frame.deepest_m()),
+            lateral: LateralFilters::new(&beam, spacing_m, half_width_m, frame.deepest_m(), frame.padded),
             display: Display::new(&beam, &probe, seed),
             columns: Columns::new(tissue, lattice, &probe),
             tape: BakedTape::new(seed),
@@ -352,7 +352,9 @@ impl Renderer {
         let Frame { geometry, first_x_m, .. } = self.frame;
         let spacing_m = geometry.spacing_m;
         let line_pitch_m = spacing_m / self.beam.grain.lines_per_px as f64;
-        let margin_m = (self.lateral.radius + 2) as f64 * line_pitch_m;
+        // Beside the picture lie what the beam reaches, and the last knot of the paths.
+        let knot = (paths::ACROSS + 1) * self.beam.grain.lines_per_px;
+        let margin_m = (self.lateral.radius + 2).max(knot) as f64 * line_pitch_m;
         let instructions = self.instructions;
         let Self { beam, lattice, tape, elevation, columns: tissue, motion, .. } = self;
         let (beam, lattice) = (&*beam, &*lattice);
@@ -376,7 +378,7 @@ impl Renderer {
         let shear = shear.as_ref();
         if let Some(shear) = shear {
             elevation.build(instructions, beam, shear, lattice.amplitude());
-            tape.bake(instructions, beam, shear);
+            tape.bake(beam, shear);
             let (scattering, mirroring) =
                 (points::slab(elevation, motion), boundary::slab(lattice, shear, motion));
             for iy in shear.rows_across() {
@@ -387,8 +389,11 @@ impl Renderer {
         let Self { jobs, points, grid, echoes, paths, .. } = self;
         if let (Some(shear), Some(motion)) = (shear, motion) {
             let press = Press { beam, lattice, phantom_from_probe: &slice.phantom_from_probe, motion };
-            let classes = points.lay(&press, shear, elevation);
+            let classes = points.lay(instructions, &press, shear, elevation);
             tape.strain(instructions, beam, classes);
+        }
+        if shear.is_some() && motion.is_none() {
+            tape.rest(instructions);
         }
         let (tape, elevation, tissue, pose) = (&*tape, &*elevation, &*tissue, &slice.phantom_from_probe);
         // The grid's tasks are there for whoever is done first.
@@ -419,8 +424,6 @@ impl Renderer {
             at_row_0: (first_x_m - shear.first_line_m) / line_pitch_m,
             per_row: -shear.lateral_slope * shear.row_step_m / line_pitch_m,
             row_step_m: shear.row_step_m,
-            first_x_m,
-            pitch_m: spacing_m,
         };
         Some((map, shear.rows))
     }

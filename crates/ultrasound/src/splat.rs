@@ -187,11 +187,11 @@ const BEFORE: [[f32; STRIDE]; STRIDE + 1] = {
     before
 };
 
-/// Amplitudes of a stride of scatterers from `n` on, whose first lies in the first layer.
+/// Amplitudes of a stride of scatterers from `n` on, whose first lies in the first layer, or ahead of it: there is nothing.
 #[inline(always)]
-fn amplitudes(n: i32, layers: &[Layer], columns: &Columns) -> [f32; STRIDE] {
+pub fn amplitudes(n: i32, layers: &[Layer], columns: &Columns) -> [f32; STRIDE] {
     let mut amplitudes = [0.0; STRIDE];
-    let mut start = 0;
+    let mut start = (-n).clamp(0, STRIDE as i32) as usize;
     for &layer in layers {
         let amplitude = columns.filling(layer).amplitude;
         let end = layer.end.saturating_sub(n).min(STRIDE as i32) as usize;

@@ -18,9 +18,9 @@ pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 /// Samples whose carrier is one turn of that of others: products of two short tables are exact to rounding, far cheaper
 /// than a sine per sample, and stay in the caches.
 const STRETCH: usize = 64;
-/// Rows that columns may have at least; no run reads farther past the tape's end.
-const LEAST_ROWS: usize = 320;
-const _: () = assert!(LEAST_ROWS >= crate::runs::ROWS);
+/// Rows that columns may have at least; strides that are added together read no farther past the tape's end.
+const LEAST_ROWS: usize = 528;
+const _: () = assert!(LEAST_ROWS >= crate::strides::ROWS);
 /// Samples filtered together.
 const BLOCK: usize = 16;
 
@@ -69,18 +69,13 @@ pub struct BakedTape {
     pub delay_filters: Vec<[f32; DELAY_TAPS]>,
     /// The same on rows of the grid, where they are not a scatterer apart.
     pub grid_filters: Vec<[f32; DELAY_TAPS]>,
-    /// The tape as it is in strained tissue, by class from `first_class` on; see [`Self::strain`].
-    strained: Vec<Strained>,
-    first_class: i32,
-}
-
-/// The tape where rows, and with them scatterers, lie closer by a strain. Its rows are to be turned by 2k times what the
-/// strain moves them by: what a delay filter takes from rows beside is turned back by as much as it lies off.
-pub struct Strained {
-    /// As [`BakedTape::samples`].
-    pub samples: Vec<u32>,
-    /// As [`BakedTape::delay_filters`]: real and imaginary parts.
-    pub filters: Vec<[[f32; 2]; DELAY_TAPS]>,
+    /// The tape as it is in strained tissue, where rows, and with them scatterers, lie closer: by class from `first_class`
+    /// on, for each of them `sub_delays`·`stride` samples. Its rows are to be turned by 2k times what the strain moves them by: what a delay filter
+    /// takes from rows beside is turned back by as much as it lies off. See [`Self::strain`].
+    pub strained: Vec<u32>,
+    /// As `delay_filters`, by class: real and imaginary parts.
+    strained_filters: Vec<Vec<[[f32; 2]; DELAY_TAPS]>>,
+    pub first_class: i32,
 }
 
 impl BakedTape {
@@ -101,6 +96,7 @@ impl BakedTape {
             sub_delays: 0,
             delay_filters: Vec::new(),
             strained: Vec::new(),
+            strained_filters: Vec::new(),
             first_class: 0,
         }
     }
@@ -118,8 +114,8 @@ impl BakedTape {
         product(self.coarse[sample / STRETCH], self.fine[sample % STRETCH])
     }
 
-    /// Prepares the tape for the columns of a grid.
-    pub fn bake(&mut self, instructions: Instructions, beam: &Beam, shear: &Shear) {
+    /// Prepares the tape for the columns of a grid, but for the samples.
+    pub fn bake(&mut self, beam: &Beam, shear: &Shear) {
         let &Shear { row_step_m: grid_step_m, lateral_slope, rows, rows_per_scatterer, .. } = shear;
         let row_step_m = grid_step_m * rows_per_scatterer;
         let stride = TAPE_LENGTH + rows.max(LEAST_ROWS);
@@ -135,8 +131,18 @@ impl BakedTape {
         self.grid_filters = delay_filters(beam, grid_step_m, lateral_slope);
         self.modulate(beam.two_k_rad_m * row_step_m);
         self.strained.clear();
+        self.strained_filters.clear();
         self.delay_filters = delay_filters(beam, row_step_m, lateral_slope);
         self.sub_delays = self.delay_filters.len();
+        self.samples.clear();
+    }
+
+    /// Fills in the samples for tissue at rest. The tape was baked.
+    pub fn rest(&mut self, instructions: Instructions) {
+        if !self.samples.is_empty() {
+            return;
+        }
+        let stride = self.stride;
         self.samples.resize(self.sub_delays * stride, 0);
         let (modulated, filters) = (&self.modulated, &self.delay_filters);
         self.samples
@@ -163,30 +169,39 @@ impl BakedTape {
     /// Prepares the tape for tissue with strains of these classes, from the first to the last. The tape was baked.
     pub fn strain(&mut self, instructions: Instructions, beam: &Beam, classes: [i32; 2]) {
         let [first, last] = classes;
-        let kept = self.first_class..self.first_class + self.strained.len() as i32;
-        let mut strained = core::mem::take(&mut self.strained);
-        let (mut before, mut after) = (first..first, first..last + 1);
-        if !kept.is_empty() {
-            (before, after) = (first.min(kept.start)..kept.start, kept.end..last.max(kept.end - 1) + 1);
-            self.first_class = before.start;
-        } else {
+        if self.strained_filters.is_empty() {
             self.first_class = first;
         }
-        let bake =
-            |class: i32| self.bake_strained(instructions, beam, f64::from(class) * beam.grain.strain_step);
-        let mut baked: Vec<Strained> = before.clone().into_par_iter().map(bake).collect();
-        baked.append(&mut strained);
-        baked.extend(after.into_par_iter().map(bake).collect::<Vec<_>>());
-        self.strained = baked;
+        let kept = self.first_class..self.first_class + self.strained_filters.len() as i32;
+        let (before, after) = (first..kept.start, kept.end..last + 1);
+        if before.is_empty() && after.is_empty() {
+            return;
+        }
+        let filters = |class| self.strained_filters_of(beam, f64::from(class) * beam.grain.strain_step);
+        let [before, after] = [before, after].map(|classes| classes.map(filters).collect::<Vec<_>>());
+        // Those that are kept move up.
+        let size = self.sub_delays * self.stride;
+        let kept = before.len()..before.len() + kept.len();
+        self.strained.resize((kept.end + after.len()) * size, 0);
+        self.strained.copy_within(..kept.len() * size, kept.start * size);
+        self.first_class -= before.len() as i32;
+        self.strained_filters.splice(0..0, before);
+        self.strained_filters.extend(after);
+        let Self { strained, strained_filters, modulated, stride, sub_delays, .. } = self;
+        strained.par_chunks_mut(*stride).enumerate().for_each(|(delay, samples)| {
+            let (class, sub_delay) = (delay / *sub_delays, delay % *sub_delays);
+            if !kept.contains(&class) {
+                filter_strained(instructions, samples, modulated, &strained_filters[class][sub_delay]);
+            }
+        });
     }
 
-    /// What [`Self::strain`] prepared for a class.
-    #[inline]
-    pub fn strained(&self, class: i32) -> &Strained {
-        &self.strained[(class - self.first_class) as usize]
+    /// What spreads a scatterer over rows of tissue of a class of strain, by delay.
+    pub fn strained_filters(&self, class: i32) -> &[[[f32; 2]; DELAY_TAPS]] {
+        &self.strained_filters[(class - self.first_class) as usize]
     }
 
-    fn bake_strained(&self, instructions: Instructions, beam: &Beam, strain: f64) -> Strained {
+    fn strained_filters_of(&self, beam: &Beam, strain: f64) -> Vec<[[f32; 2]; DELAY_TAPS]> {
         let filters = delay_filters(beam, self.row_step_m * (1.0 - strain), self.lateral_slope);
         let count = filters.len();
         let phase_per_row_rad = beam.two_k_rad_m * self.row_step_m * strain;
@@ -198,12 +213,7 @@ impl BakedTape {
                 [filter[m] * cos as f32, filter[m] * sin as f32]
             })
         });
-        let filters: Vec<[[f32; 2]; DELAY_TAPS]> = turned.collect();
-        let mut samples = vec![0; count * self.stride];
-        for (samples, filter) in samples.chunks_mut(self.stride).zip(&filters) {
-            filter_strained(instructions, samples, &self.modulated, filter);
-        }
-        Strained { samples, filters }
+        turned.collect()
     }
 
     fn modulate(&mut self, phase_per_row_rad: f64) {

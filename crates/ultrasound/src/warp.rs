@@ -2,7 +2,7 @@
 //!
 //! Where a probe presses, a column's scatterers no longer lie a row apart. Along one band of lines all of them are
 //! pressed nearly alike, so the band's own rows are laid as far apart as scatterers are there: on those a column is
-//! nearly straight again, and runs of it are added as those of a column at rest. At the end the band goes over to the
+//! nearly straight again, and stretches of it are added as those of a column at rest. At the end the band goes over to the
 //! rows of the grid.
 
 use sonoloop_types::{Point, Pose, Vector};
@@ -11,10 +11,9 @@ use crate::{
     beam::Beam,
     elevation::{ElevationTable, STRIDE},
     fast::{nearest, turn},
-    instructions::{nearest_f32, wide},
+    instructions::{Instructions, nearest_f32, wide},
     lattice::Lattice,
     motion::Motion,
-    runs::KNOT,
     shear::Shear,
     splat::BAND,
     tape::{BakedTape, DELAY_REACH, DELAY_TAPS},
@@ -24,7 +23,12 @@ use crate::{
 const MARGIN: usize = 8;
 /// Rows of a warp that lie equally far apart.
 const EVEN: usize = STRIDE;
-const _: () = assert!(EVEN == KNOT);
+/// Strides from one look at how far apart scatterers lie to the next, where the needle drags none.
+const HELD: usize = 2;
+/// Steps to the fixed point at the first row.
+const FIRST_STEPS: usize = 4;
+/// Strides beyond the last one that are known of, for vectors that run over.
+pub const BEYOND: usize = 24;
 /// Scatterers lie no closer and no farther than this many rows of the grid, as far as the warp follows them.
 const CLOSEST: f64 = 0.25;
 const FARTHEST: f64 = 2.0;
@@ -34,12 +38,16 @@ const FARTHEST: f64 = 2.0;
 pub struct Warp {
     /// Depth of each, in rows of the grid.
     row: Vec<f32>,
+    /// The same of every [`EVEN`]th, and of [`BEYOND`] after the last, as the next three are.
+    pub row_of_stride: Vec<f32>,
     /// The slice there, see [`crate::elevation::RowProfile`].
     pub decay: Vec<f32>,
     pub peak: Vec<f32>,
-    /// The class of the strain of every [`EVEN`] rows.
+    pub reach_m: Vec<f32>,
+    /// The class of the strain from each of those rows to the next, for scatterers that go one by one: others have their own.
     pub class: Vec<i32>,
-    /// What the carrier's phase there takes from that of as many rows at rest.
+    /// Turns that the carrier takes there from that of as many rows at rest, and what those are.
+    turns: Vec<f32>,
     turn: Vec<[f32; 2]>,
     /// Where each row of the grid, from −[`MARGIN`] on, lies among them, and how far the next one from it.
     of_row: Vec<[f32; 2]>,
@@ -73,9 +81,16 @@ impl Press<'_> {
 
 impl Warp {
     /// Lays the rows for the lines next to `line`.
-    pub fn lay(&mut self, press: &Press, shear: &Shear, elevation: &ElevationTable, line: usize) {
-        let Self { row: rows, decay, peak, class, turn: turns, of_row } = self;
-        for values in [&mut *rows, decay, peak] {
+    pub fn lay(
+        &mut self,
+        instructions: Instructions,
+        press: &Press,
+        shear: &Shear,
+        elevation: &ElevationTable,
+        line: usize,
+    ) {
+        let Self { row: rows, row_of_stride, decay, peak, reach_m, class, turns, of_row, .. } = self;
+        for values in [&mut *rows, row_of_stride, decay, peak, reach_m] {
             values.clear();
         }
         class.clear();
@@ -86,13 +101,35 @@ impl Warp {
         let (first, end) = (-(MARGIN as f64), (shear.rows + MARGIN) as f64);
         let mut row = first;
         let mut moved_m = Vector::zeros();
-        while row < end {
+        let mut begin = |row: f64| {
+            let profile = elevation.profile(row);
+            row_of_stride.push(row as f32);
+            decay.push(profile.decay);
+            peak.push(profile.peak);
+            reach_m.push(profile.reach_m);
+        };
+        let place = |row: f64| {
             let z_m = row.clamp(0.0, shear.rows as f64) * shear.row_step_m;
-            let place = Point::new(x_m + shear.lateral_slope * z_m, 0.0, z_m);
-            let spacing = press.spacing(shear, place, &mut moved_m);
+            Point::new(x_m + shear.lateral_slope * z_m, 0.0, z_m)
+        };
+        for _ in 0..FIRST_STEPS {
+            press.spacing(shear, place(row), &mut moved_m);
+        }
+        let held = if press.motion.drag().is_some() { 1 } else { HELD };
+        let mut spacing = press.spacing(shear, place(row), &mut moved_m);
+        let (mut known, mut growth) = (spacing, 0.0);
+        while row < end {
+            let of_held = class.len() % held;
+            if of_held == 0 {
+                // As it is in the middle of those strides.
+                let middle = row + 0.5 * (held * EVEN) as f64 * spacing;
+                let now = press.spacing(shear, place(middle), &mut moved_m);
+                (growth, known) = ((now - known) / held as f64, now);
+            }
+            spacing = (known + (of_held as f64 - 0.5 * (held - 1) as f64) * growth).clamp(CLOSEST, FARTHEST);
             class.push(BakedTape::class(press.beam, 1.0 - spacing / shear.rows_per_scatterer));
+            begin(row);
             for _ in 0..EVEN {
-                let profile = elevation.profile(row);
                 // Rows of the grid down to the next one.
                 let mut past = first + of_row.len() as f64 - row;
                 while past < spacing {
@@ -100,22 +137,37 @@ impl Warp {
                     past += 1.0;
                 }
                 let turns_here = turns_per_row * (rows.len() as f64 * shear.rows_per_scatterer - row);
-                turns.push(turn((turns_here - nearest(turns_here) as f64) as f32));
+                turns.push((turns_here - nearest(turns_here) as f64) as f32);
                 rows.push(row as f32);
-                decay.push(profile.decay);
-                peak.push(profile.peak);
                 row += spacing;
             }
+        }
+        for beyond in 0..BEYOND {
+            begin(row + (beyond * EVEN) as f64 * spacing);
         }
         for next in 1..of_row.len() {
             of_row[next - 1][1] = of_row[next][0] - of_row[next - 1][0];
         }
         of_row.pop();
+        self.turn.resize(self.turns.len(), [0.0; 2]);
+        take_turns(instructions, &self.turns, &mut self.turn);
     }
 
     /// Rows of the warp, a multiple of [`EVEN`].
     pub fn len(&self) -> usize {
         self.row.len()
+    }
+
+    /// How many times [`EVEN`] rows those are.
+    pub fn strides(&self) -> usize {
+        self.class.len()
+    }
+
+    /// The slice next to a row: how quickly it falls off, its peak, and how far it reaches.
+    pub fn slice_at(&self, row: usize) -> [f32; 3] {
+        let (stride, part) = (row / EVEN, (row % EVEN) as f32 * (1.0 / EVEN as f32));
+        let between = |values: &[f32]| values[stride] + part * (values[stride + 1] - values[stride]);
+        [&self.decay, &self.peak, &self.reach_m].map(|values| between(values))
     }
 
     /// First and last class of the strain.
@@ -128,9 +180,18 @@ impl Warp {
     #[inline(always)]
     pub fn at(&self, row: f32) -> f32 {
         let from_first = row + MARGIN as f32;
-        let whole = nearest_f32(from_first - 0.5).clamp(0, self.of_row.len() as i32 - 1);
+        let last = (self.of_row.len() - 1) as f32;
+        let whole = nearest_f32((from_first - 0.5).clamp(0.0, last));
         let [above, apart] = self.of_row[whole as usize];
         above + (from_first - whole as f32) * apart
+    }
+}
+
+wide! {
+    fn take_turns(turns: &[f32], out: &mut [[f32; 2]]) {
+        for (out, &turns) in out.iter_mut().zip(turns) {
+            *out = turn(turns);
+        }
     }
 }
 
@@ -158,7 +219,7 @@ wide! {
             const BEFORE: usize = MARGIN + DELAY_REACH;
             let skipped = BEFORE.saturating_sub(first).min(DELAY_TAPS);
             let end = (first + DELAY_TAPS).saturating_sub(BEFORE).min(rows.len());
-            let begin = (first + skipped - BEFORE).min(end);
+            let begin = (first + skipped).saturating_sub(BEFORE).min(end);
             for (row, tap) in rows[begin..end].iter_mut().zip(&taps[skipped..]) {
                 for (out, value) in row.iter_mut().zip(&turned) {
                     *out += tap * value;

@@ -47,8 +47,16 @@ fn scenes(sequence: u64) -> Vec<Slice> {
     };
     let dragged =
         [&pressed[0], &scene(poses()[1], sequence)].map(|slice| Slice { drag: Some(drag), ..slice.clone() });
+    // In one attitude, whose tape is kept: strained much in the plane, and then more beside it than in it.
+    let upright = scene(pose(0.2, 0.1, -4.0, 0.0, 0.0, 0.0), sequence);
+    let deep = Slice {
+        indentation: Some(press(&pose(0.2, 0.1, -4.0, 0.0, 0.0, 0.0), 20e-3, 4e-3)),
+        ..upright.clone()
+    };
+    let beside = Drag { centre_in_phantom: Point::new(3e-3, 2e-3, -24e-3), ..drag };
+    let strained = [deep, Slice { drag: Some(beside), ..upright }];
     let at_rest = poses().map(|pose| scene(pose, sequence));
-    at_rest.into_iter().chain(pressed).chain(dragged).chain([lifted]).collect()
+    at_rest.into_iter().chain(pressed).chain(dragged).chain([lifted]).chain(strained).collect()
 }
 
 #[test]
@@ -74,6 +82,23 @@ fn bytes_do_not_depend_on_what_was_drawn_before() {
     for slice in scenes(8) {
         let fresh = render(&mut Renderer::new(probe(), needle(), gel(), 1), &slice);
         assert!(render(&mut used, &slice) == fresh);
+    }
+}
+
+/// The tape is kept for strains that have been met in one attitude: a field is the same, bit by bit, whichever those were.
+#[test]
+fn fields_do_not_depend_on_the_strains_drawn_before() {
+    let place = pose(0.2, 0.1, -4.0, 0.0, 0.0, 0.0);
+    for precision in [Precision::Usual, Precision::Fine] {
+        let renderer = || Renderer::new(ProbeSpec { precision, ..probe() }, needle(), gel(), 1);
+        let pressed =
+            |depth_m: f64| Slice { indentation: Some(press(&place, 20e-3, depth_m)), ..slice(place) };
+        let mut used = renderer();
+        for depth_m in [1e-3, 4e-3, 10e-3, 6e-3, 3e-3, 2e-3, 0.5e-3] {
+            let field = used.field(&pressed(depth_m));
+            let same = field == renderer().field(&pressed(depth_m));
+            assert!(same, "{depth_m} m, {precision:?}");
+        }
     }
 }
 
@@ -173,8 +198,11 @@ fn no_pose_is_too_odd() {
     for pose in odd {
         let bytes = render(&mut renderer, &scene(pose, 0));
         assert_eq!(bytes.len(), 640 * 480);
-        let field = renderer.field(&slice(pose));
-        assert!(field.values.iter().flatten().all(|v| v.is_finite()), "{pose:?}");
+        let pressed = Slice { indentation: Some(press(&Pose::identity(), 20e-3, 2e-3)), ..slice(pose) };
+        for slice in [slice(pose), pressed] {
+            let field = renderer.field(&slice);
+            assert!(field.values.iter().flatten().all(|v| v.is_finite()), "{pose:?}");
+        }
     }
 }
 

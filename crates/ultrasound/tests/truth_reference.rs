@@ -186,6 +186,20 @@ fn truth_of_dragged_tissue() {
     }
 }
 
+/// Farther than any needle drags tissue: strained by up to 0.8 at the tip.
+#[test]
+fn truth_of_strongly_dragged_tissue() {
+    let drag = Drag {
+        centre_in_phantom: Point::new(8e-3, 0.5e-3, -20e-3),
+        displacement_in_phantom: Vector::new(6.1e-3, 1e-3, -5e-3),
+        decay_m: 10e-3,
+    };
+    let pose = pose(0.31, 0.12, -0.2, 0.0, 0.0, 0.0);
+    let error = relative_error(&probe(), &half_gel(), &Slice { drag: Some(drag), ..slice(pose) });
+    println!("{:.2} % strongly dragged", error * 100.0);
+    assert!(error <= 0.05, "error {error:.4} over 5 %");
+}
+
 /// Mostly across the plane: tissue comes in and goes out between places that are both beside the slice.
 #[test]
 fn truth_of_tissue_dragged_across() {
