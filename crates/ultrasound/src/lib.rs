@@ -56,6 +56,7 @@
 //! Sound speed and loss move with tissue by whole columns.
 //! Through other sound speeds a pulse keeps its carrier as drawn: the field is some 12 % off the sum over its scatterers
 //! there, not 5 %. The uppermost 15 mm taken alone are 4.2 to 5.2 % off, which deeper pictures make up for. In the first half millimetre scatterers above the face are missing, and the picture's top row is dark.
+//! In the fine mode the tapes of strained tissue take 1.2 MB for every half per cent of strain that a picture has.
 //! Where pixels are coarser than the pulse (a picture 120 mm deep) the envelope is sampled, not averaged, and thin bright
 //! surfaces flicker as they pass from row to row.
 //!
