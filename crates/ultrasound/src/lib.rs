@@ -31,7 +31,7 @@
 //! | `elevation` | weights by elevation and row |
 //! | `jobs`, `splat` | which stretch of tape goes where; adding it |
 //! | `motion`, `warp` | where pressed tissue is; rows that follow it |
-//! | `points`, `strides` | which of its columns show, and where; adding them stride by stride |
+//! | `points`, `strides`, `block` | which of its columns show, and where; adding them stride by stride |
 //! | `lateral`, `axial` | dual beam filter per row; pulse onto the display rows |
 //! | `needle` | echoes of the steel: shaft, tip, their repeats and side lobes |
 //! | `boundary` | mirrors where materials meet |
@@ -69,6 +69,7 @@
 
 mod axial;
 mod beam;
+mod block;
 mod boundary;
 mod columns;
 mod contact;

@@ -10,6 +10,7 @@ use sonoloop_types::{Pose, Vector};
 
 use crate::{
     beam::Beam,
+    block::Block,
     columns::{self, Columns},
     elevation::{ElevationTable, STRIDE},
     fast::{exp_minus, floor},
@@ -18,7 +19,7 @@ use crate::{
     motion::Motion,
     shear::{Shear, Slab},
     splat::{self, Grid, transpose},
-    strides::{Band, Block, Places, Strides, add_column},
+    strides::{Band, Places, Strides, add_column},
     tape::BakedTape,
     warp::{Press, Warp, straighten},
 };

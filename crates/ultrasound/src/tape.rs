@@ -20,7 +20,7 @@ pub const DELAY_REACH: usize = DELAY_TAPS / 2;
 const STRETCH: usize = 64;
 /// Rows that columns may have at least; strides that are added together read no farther past the tape's end.
 const LEAST_ROWS: usize = 528;
-const _: () = assert!(LEAST_ROWS >= crate::strides::ROWS);
+const _: () = assert!(LEAST_ROWS >= crate::block::ROWS);
 /// Samples filtered together.
 const BLOCK: usize = 16;
 
@@ -70,8 +70,8 @@ pub struct BakedTape {
     /// The same on rows of the grid, where they are not a scatterer apart.
     pub grid_filters: Vec<[f32; DELAY_TAPS]>,
     /// The tape as it is in strained tissue, where rows, and with them scatterers, lie closer: by class from `first_class`
-    /// on, for each of them `sub_delays`·`stride` samples. Its rows are to be turned by 2k times what the strain moves them by: what a delay filter
-    /// takes from rows beside is turned back by as much as it lies off. See [`Self::strain`].
+    /// on, for each of them `sub_delays`·`stride` samples. Its rows are to be turned by 2k times what the strain moves them
+    /// by: what a delay filter takes from rows beside is turned back by as much as it lies off. See [`Self::strain`].
     pub strained: Vec<u32>,
     /// As `delay_filters`, by class: real and imaginary parts.
     strained_filters: Vec<Vec<[[f32; 2]; DELAY_TAPS]>>,
