@@ -82,7 +82,8 @@ enum Tracker {
 pub struct Session {
     scenario: Scenario,
     world: World,
-    renderer: Renderer,
+    /// None where nobody looks: pictures stay black.
+    renderer: Option<Renderer>,
     spare: Vec<Image>,
     /// The picture handed out last.
     shown: Option<Image>,
@@ -103,7 +104,7 @@ impl Session {
         Ok(Self {
             scenario: scenario.clone(),
             world,
-            renderer,
+            renderer: Some(renderer),
             spare: Vec::new(),
             shown: None,
             clock: None,
@@ -116,6 +117,11 @@ impl Session {
     /// Lets simulated time follow a clock: it waits for nobody's answer, and the newest command counts.
     pub fn paced_by(self, clock: Box<dyn Clock>) -> Self {
         Self { clock: Some(clock), ..self }
+    }
+
+    /// Draws nothing, for trackers that do not look: drawing is most of a run's time.
+    pub fn undrawn(self) -> Self {
+        Self { renderer: None, ..self }
     }
 
     /// Runs to the end. The recording is whole up to the end whatever the reason; the error, when there is one,
@@ -321,7 +327,11 @@ impl Session {
         let before = Instant::now();
         match last.or(self.shown.as_ref()).filter(|_| self.world.images_frozen()) {
             Some(last) => image.clone_from(last),
-            None => self.renderer.render(&slice, &mut image),
+            None => {
+                if let Some(renderer) = &mut self.renderer {
+                    renderer.render(&slice, &mut image);
+                }
+            }
         }
         timing.render_ms.push(before.elapsed().as_secs_f32() * 1e3);
         InFlight {

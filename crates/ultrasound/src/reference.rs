@@ -17,8 +17,8 @@ use crate::{
     tape::{BakedTape, gaussian_tape},
 };
 
-/// Profiles are summed out to this many σ (amplitude 4e-6).
-const REACH: f64 = 5.0;
+/// Profiles are summed out to this many σ (amplitude 4e-5).
+const REACH: f64 = 4.5;
 
 struct Canvas<'a> {
     beam: &'a Beam,
@@ -54,8 +54,8 @@ impl Canvas<'_> {
                 let sigma_m = width_m(of_m);
                 let d = (u_m - x_m) / sigma_m;
                 // Level over speckle falls as a point's energy spreads.
-                let point = 1.0 / self.paths.stretch(x_m, z_m).sqrt();
-                libm::exp(-0.5 * d * d) * if energy { unit_energy_peak(sigma_m) } else { point }
+                let point = || 1.0 / self.paths.stretch(x_m, z_m).sqrt();
+                libm::exp(-0.5 * d * d) * if energy { unit_energy_peak(sigma_m) } else { point() }
             })
             .collect();
         // Drawn, and turned, by the time that echoes take on their line; all lines alike without delays.

@@ -40,12 +40,13 @@ impl Finished {
     }
 }
 
-/// Runs and judges a prepared scenario in this process, without progress or files.
+/// Runs and judges a prepared scenario in this process, without progress or files, and for null trackers without pictures.
 pub fn execute_in_process(
     scenario: &Scenario,
     session: Session,
     kind: ControllerKind,
 ) -> Result<Finished, AppError> {
+    let session = if matches!(kind, ControllerKind::Null(_)) { session.undrawn() } else { session };
     let mut peer = InProcess::new(kind, kills_tracker(scenario));
     let (recording, error) = session.run(run_id(), &mut peer, &mut Nobody, None);
     if let Some(error) = error {
