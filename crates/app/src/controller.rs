@@ -143,7 +143,7 @@ impl Controller {
             Eyes::Template(tracker) => {
                 let context = Context {
                     motion_px: guidance.motion_px,
-                    hold_confirmation: guidance.hold_confirmation,
+                    confirmation: guidance.confirmation,
                     axis_px: guidance.axis_px,
                 };
                 tracker.track(image, &context)

@@ -2,13 +2,14 @@ mod follow;
 
 use serde::{Deserialize, Serialize};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, Estimate, Point, Pose, Reason, Setup, TrackState, Vector, View,
+    Acquisition, ArmStatus, Command, Confirmation, Estimate, Point, Pose, Reason, Setup, TrackState, Vector,
+    View,
 };
 
 use crate::along::{Along, Lead};
 use crate::hold::Hold;
 use crate::predict;
-use crate::search::{self, Offset, Search};
+use crate::search::{self, Jog, Offset, Search};
 
 /// A contact force below this share of the one at the start means that the probe is off the surface.
 const CONTACT_SHARE: f64 = 0.2;
@@ -31,8 +32,8 @@ pub enum Mode {
 pub struct Guidance {
     /// Predicted motion of the tip since the last picture, pixels.
     pub motion_px: Option<[f64; 2]>,
-    /// The plane is on its way: a candidate must not be confirmed yet.
-    pub hold_confirmation: bool,
+    /// Whether a candidate may be confirmed: not while the plane is on its way, nor before it has gone with the needle.
+    pub confirmation: Confirmation,
     /// Direction of the needle in a lateral picture under the nominal calibration, unit length.
     pub axis_px: Option<[f64; 2]>,
 }
@@ -140,13 +141,19 @@ impl Servo {
             )
         });
         // Off the surface the picture shows the scanner's own ringing, which has tips enough.
-        let hold_confirmation = matches!(&self.state.mode, Mode::Search(search) if search.holds_confirmation())
-            || !self.in_contact(acquisition);
+        let confirmation = match &self.state.mode {
+            _ if !self.in_contact(acquisition) => Confirmation::Held,
+            Mode::Search(search) if search.holds_confirmation() => Confirmation::Held,
+            Mode::Search(search) if Jog::applies(&self.setup, acquisition) && !search.jog.goes() => {
+                Confirmation::Counts
+            }
+            _ => Confirmation::Confirms,
+        };
         let axis_px = match self.setup.view {
             View::Lateral => predict::axis_px(&self.setup.needle_axis_in_base, &acquisition.base_from_probe),
             View::Transverse => None,
         };
-        Guidance { motion_px, hold_confirmation, axis_px }
+        Guidance { motion_px, confirmation, axis_px }
     }
 
     /// The command that answers a picture.
@@ -173,28 +180,39 @@ impl Servo {
             Mode::Arrived => (self.state.held, 0.0),
             Mode::Search(search) => {
                 let measured = offset_from(&held, &acquisition.base_from_probe, &lost_tip);
-                let candidate = estimate.state == TrackState::Recovering
-                    && estimate.tip_px.is_some_and(|px| {
-                        let off_m = (self.setup.geometry.probe_from_px(px) - lost_tip).norm();
-                        off_m < settings.candidate_reach_m
-                    })
-                    // Behind the tip every plane cuts the shaft: what is dimmer is no candidate there.
-                    && shaft_below
-                        .is_none_or(|least| estimate.tip_level.is_some_and(|level| level >= least));
+                let recovering = estimate.tip_px.filter(|_| estimate.state == TrackState::Recovering);
+                let candidate_px = recovering.filter(|&px| {
+                    let off_m = (self.setup.geometry.probe_from_px(px) - lost_tip).norm();
+                    off_m < settings.candidate_reach_m
+                        // Behind the tip every plane cuts the shaft: what is dimmer is no candidate there.
+                        && shaft_below
+                            .is_none_or(|least| estimate.tip_level.is_some_and(|level| level >= least))
+                        && !search.jog.refuses(&self.setup, acquisition, px)
+                });
                 search.advance(
                     settings,
                     &search::View {
                         time_s,
                         dt_s,
                         measured,
-                        candidate,
+                        candidate: candidate_px.is_some(),
                         level: estimate.tip_level,
                         in_contact,
                         arm_obeys: !stands,
                         pressed_hard: acquisition.contact_force_n > settings.max_search_force_n,
                     },
                 );
-                (Some(displaced(&held, search.commanded, &lost_tip)), 0.0)
+                let mut feed_m_s = 0.0;
+                if search.holds_confirmation() || !in_contact || stands {
+                    search.jog.stop();
+                } else if Jog::applies(&self.setup, acquisition) {
+                    let refused;
+                    (feed_m_s, refused) = search.jog.advance(&self.setup, acquisition, candidate_px);
+                    if refused {
+                        search.refuse();
+                    }
+                }
+                (Some(displaced(&held, search.commanded, &lost_tip)), feed_m_s)
             }
             // Behind an arm that does not obey the needle waits, and nothing adds up meanwhile.
             Mode::Follow if stands => (Some(held), 0.0),

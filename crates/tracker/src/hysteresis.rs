@@ -1,6 +1,6 @@
 //! What loses a tip, what finds it again, and how long it takes until that is believed. No pixels here.
 
-use sonoloop_types::{Reason, TrackState, TrackerSettings, UpdateStrategy};
+use sonoloop_types::{Confirmation, Reason, TrackState, TrackerSettings, UpdateStrategy};
 
 /// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
 /// that may still be settling, and the paper's recovery threshold lies below its loss threshold.
@@ -115,11 +115,11 @@ impl Hysteresis {
     }
 
     /// An image shows a place that may be the tip; whether it is confirmed now. `same`: the place that was RECOVERING already.
-    /// `held`: the image must not confirm anything.
-    pub fn candidate(&mut self, settings: &TrackerSettings, same: bool, held: bool) -> bool {
+    pub fn candidate(&mut self, settings: &TrackerSettings, same: bool, confirmation: Confirmation) -> bool {
         self.state = TrackState::Recovering;
-        self.confirmed = if same { self.confirmed } else { 0 } + u32::from(!held);
-        self.confirmed >= settings.confirmation_images
+        self.confirmed = if same { self.confirmed } else { 0 };
+        self.confirmed = self.confirmed.saturating_add(u32::from(confirmation != Confirmation::Held));
+        confirmation == Confirmation::Confirms && self.confirmed >= settings.confirmation_images
     }
 }
 
@@ -139,7 +139,7 @@ mod tests {
             }
         } else if Hysteresis::accepts(settings, view) {
             let same = state.state() == TrackState::Recovering;
-            if state.candidate(settings, same, false) {
+            if state.candidate(settings, same, Confirmation::Confirms) {
                 *state = Hysteresis::recovered();
             }
         } else {

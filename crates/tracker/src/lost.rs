@@ -1,6 +1,6 @@
 //! LOST and RECOVERING: search, candidate, confirmation.
 
-use sonoloop_types::{Estimate, Image, Reason};
+use sonoloop_types::{Confirmation, Estimate, Image, Reason};
 
 use crate::Tracker;
 use crate::hysteresis::{Hysteresis, View};
@@ -98,7 +98,7 @@ impl Tracker {
 
         match best {
             Some(found) if found.accepted => {
-                self.confirm(image, median, motion, &found, same, context.hold_confirmation, iterations)
+                self.confirm(image, median, motion, &found, same, context.confirmation, iterations)
             }
             _ => {
                 let estimate =
@@ -117,13 +117,13 @@ impl Tracker {
         motion: [f64; 2],
         found: &Scored,
         same: bool,
-        hold: bool,
+        confirmation: Confirmation,
         iterations: u32,
     ) -> Estimate {
         self.belief.tip_px = add(self.belief.tip_px, motion);
         self.belief.candidate_px = Some(found.at_px);
         let mut reason = Reason::Candidate;
-        if self.belief.state.candidate(&self.settings, same, hold) {
+        if self.belief.state.candidate(&self.settings, same, confirmation) {
             // Other peaks may have been sampled since.
             let reach = self.scoring_reach();
             self.region.fill_about(self.registrar.instructions, image, &self.taps, found.at_px, reach);

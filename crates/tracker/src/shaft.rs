@@ -14,14 +14,15 @@ const BESIDE_PX: f64 = 7.0;
 /// A ridge below this many grey levels over its surroundings is speckle (its mean over the stretch scatters by
 /// about four).
 const LEAST_RIDGE_LEVELS: f64 = 12.0;
-/// Share of the ridge behind at which a ridge ahead counts as the same shaft.
+/// Share of the stronger of two ridges, ahead and behind, from which the other counts as the same shaft.
 const SAME_SHAFT: f64 = 0.5;
 
 /// True when the shaft runs on beyond `at_px` along `axis_px` (unit vector from the entry to the tip, pixels).
 pub(crate) fn goes_on(image: &Image, at_px: [f64; 2], axis_px: [f64; 2]) -> bool {
     let ahead = ridge(image, at_px, axis_px);
     let behind = ridge(image, at_px, [-axis_px[0], -axis_px[1]]);
-    ahead > LEAST_RIDGE_LEVELS && ahead > SAME_SHAFT * behind
+    // A shaft lies behind the place too: a ridge ahead alone is speckle.
+    ahead > LEAST_RIDGE_LEVELS && ahead > SAME_SHAFT * behind && behind > SAME_SHAFT * ahead
 }
 
 /// Mean grey level along the axis less that of the brighter one of the strips beside it; 0 where nothing lies inside the picture.
@@ -77,6 +78,13 @@ mod tests {
         assert!(!goes_on(&needle(), [100.0, 100.0], axis));
         assert!(goes_on(&needle(), [60.0, 60.0], axis));
         assert!(!goes_on(&needle(), [150.0, 60.0], axis), "off the needle nothing is decided");
+    }
+
+    #[test]
+    fn a_streak_of_speckle_ahead_of_a_tip_is_no_shaft() {
+        let axis = [-std::f64::consts::FRAC_1_SQRT_2; 2];
+        // Seen from its other end the needle lies ahead, and nothing behind.
+        assert!(!goes_on(&needle(), [102.0, 102.0], axis));
     }
 
     #[test]

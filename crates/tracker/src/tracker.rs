@@ -1,5 +1,7 @@
 use sonoloop_simd::Instructions;
-use sonoloop_types::{Estimate, Image, Profile, Reason, TrackState, TrackerSettings, UpdateStrategy, Warp};
+use sonoloop_types::{
+    Confirmation, Estimate, Image, Profile, Reason, TrackState, TrackerSettings, UpdateStrategy, Warp,
+};
 
 use crate::checkpoint::is_flat;
 use crate::gaussian::blur_taps;
@@ -35,8 +37,8 @@ pub struct Context {
     /// ([`Guess::Insertion`](sonoloop_types::Guess::Insertion)), and the place of the search after a loss, never the
     /// measurement.
     pub motion_px: Option<[f64; 2]>,
-    /// The plane is still being moved: a good candidate stays RECOVERING and none of its images confirms it.
-    pub hold_confirmation: bool,
+    /// What an image that shows a good candidate for a lost tip is worth.
+    pub confirmation: Confirmation,
     /// Direction (u, v) in which the needle points in the picture, unit length, some degrees off at most: a candidate
     /// beyond which the shaft goes on is not the tip. `None` when the needle does not lie in the picture.
     pub axis_px: Option<[f64; 2]>,

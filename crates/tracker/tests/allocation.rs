@@ -6,7 +6,7 @@ use core::cell::Cell;
 use std::alloc::{GlobalAlloc, Layout, System};
 
 use sonoloop_tracker::{Context, Tracker};
-use sonoloop_types::{Image, Profile, Similarity, TrackState, TrackerSettings, Warp};
+use sonoloop_types::{Confirmation, Image, Profile, Similarity, TrackState, TrackerSettings, Warp};
 use support::NeedleScene;
 
 /// The system's allocator, counting what each thread asks of it.
@@ -78,7 +78,7 @@ fn film(seed: u64) -> Film {
     let (first, tip_px) = (scene.image(tip, 1.0), tip);
     let advancing = Context { motion_px: Some(step), ..Context::default() };
     let along = Some([libm::cos(0.45), libm::sin(0.45)]);
-    let resting = Context { motion_px: Some([0.0; 2]), axis_px: along, hold_confirmation: false };
+    let resting = Context { motion_px: Some([0.0; 2]), axis_px: along, confirmation: Confirmation::Confirms };
     let mut shots = Vec::new();
     for _ in 0..4 {
         tip = [tip[0] + step[0], tip[1] + step[1]];

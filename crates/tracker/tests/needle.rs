@@ -3,7 +3,7 @@
 mod support;
 
 use sonoloop_tracker::{Context, Tracker};
-use sonoloop_types::{Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy};
+use sonoloop_types::{Confirmation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy};
 use support::{NeedleScene, distance, in_parallel};
 
 const IMAGES: u32 = 120;
@@ -46,8 +46,8 @@ fn a_gain_step_in_one_image_does_not_lose_the_needle() {
 fn one_image_without_the_needle_is_a_loss_and_three_with_it_confirm() {
     let mut scene = NeedleScene::new(51, 0.3, 0.45);
     let (tip, _) = scene.path();
-    let still = Context { motion_px: Some([0.0; 2]), hold_confirmation: false, axis_px: None };
-    let held = Context { hold_confirmation: true, ..still };
+    let still = Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Confirms, axis_px: None };
+    let held = Context { confirmation: Confirmation::Held, ..still };
     let mut tracker =
         Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
     let mut see =
@@ -68,13 +68,20 @@ fn one_image_without_the_needle_is_a_loss_and_three_with_it_confirm() {
     for _ in 0..5 {
         assert_eq!(see(1.0, &still), TrackState::Tracking);
     }
+    // What counts without confirming is there once something else has been settled.
+    let counts = Context { confirmation: Confirmation::Counts, ..still };
+    assert_eq!(see(0.0, &still), TrackState::Lost);
+    for _ in 0..6 {
+        assert_eq!(see(1.0, &counts), TrackState::Recovering);
+    }
+    assert_eq!(see(1.0, &still), TrackState::Tracking);
 }
 
 #[test]
 fn while_lost_the_correlation_near_the_last_tip_rises_towards_the_plane() {
     let mut scene = NeedleScene::new(61, 0.3, 0.45);
     let (tip, _) = scene.path();
-    let still = Context { motion_px: Some([0.0; 2]), hold_confirmation: true, axis_px: None };
+    let still = Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Held, axis_px: None };
     let mut tracker =
         Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
     let mut mean = |strength: f64| {
@@ -143,7 +150,7 @@ fn the_paper_profile_recovers_below_its_loss_threshold_without_flapping() {
     assert!(settings.recovery_ncc < settings.loss_ncc_previous);
     let mut scene = NeedleScene::new(81, 0.1, 0.45);
     let (tip, _) = scene.path();
-    let still = Context { motion_px: Some([0.0; 2]), hold_confirmation: false, axis_px: None };
+    let still = Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Confirms, axis_px: None };
     let mut tracker = Tracker::new(settings, &scene.image(tip, 1.0), tip).expect("a sound image");
     for _ in 0..4 {
         tracker.track(&scene.image(tip, 0.0), &still);

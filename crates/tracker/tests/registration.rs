@@ -1,7 +1,9 @@
 //! Sub-pixel truth: a smooth pattern whose shift is known in closed form.
 
 use sonoloop_tracker::{Context, Tracker};
-use sonoloop_types::{Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy};
+use sonoloop_types::{
+    Confirmation, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy,
+};
 
 /// A bright oblique Gaussian blob over a slow wave, both shifted by `shift_px`.
 fn pattern(shift_px: [f64; 2], gain: f64, offset: f64) -> Image {
@@ -76,7 +78,7 @@ fn a_measured_motion_moves_the_guess_and_not_the_measurement() {
     let track = |motion_px| {
         let mut tracker = Tracker::new(settings, &first, [80.0, 60.0]).expect("a sound image");
         tracker
-            .track(&jump, &Context { motion_px, hold_confirmation: false, axis_px: None })
+            .track(&jump, &Context { motion_px, confirmation: Confirmation::Confirms, axis_px: None })
             .tip_px
             .expect("a tip")
     };

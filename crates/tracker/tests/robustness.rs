@@ -6,8 +6,8 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use sonoloop_tracker::{Checkpoint, Context, Tracker, TrackerError, check_settings};
 use sonoloop_types::{
-    Guess, Image, Optimisation, Profile, Reason, Similarity, TrackState, TrackerSettings, UpdateStrategy,
-    Warp,
+    Confirmation, Guess, Image, Optimisation, Profile, Reason, Similarity, TrackState, TrackerSettings,
+    UpdateStrategy, Warp,
 };
 use support::{NeedleScene, check_answer};
 
@@ -210,11 +210,15 @@ fn number() -> impl Strategy<Value = f64> {
     ]
 }
 
+fn confirmation() -> impl Strategy<Value = Confirmation> {
+    prop_oneof![Just(Confirmation::Confirms), Just(Confirmation::Counts), Just(Confirmation::Held)]
+}
+
 fn context() -> impl Strategy<Value = Context> {
     let pair = || proptest::option::of([number(), number()]);
-    (pair(), any::<bool>(), pair()).prop_map(|(motion_px, hold_confirmation, axis_px)| Context {
+    (pair(), confirmation(), pair()).prop_map(|(motion_px, confirmation, axis_px)| Context {
         motion_px,
-        hold_confirmation,
+        confirmation,
         axis_px,
     })
 }

@@ -1,5 +1,17 @@
 use serde::{Deserialize, Serialize};
 
+/// What an image that shows a good candidate for a lost tip is worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Confirmation {
+    /// It counts, and enough of them in a row confirm the candidate.
+    #[default]
+    Confirms,
+    /// It counts, but the candidate is being put to another test, and stays RECOVERING.
+    Counts,
+    /// It does not count: the plane is still being moved.
+    Held,
+}
+
 /// What the tracker says of its target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -247,6 +247,8 @@ pub struct ServoSettings {
     pub crest_levels: f64,
     /// A candidate farther than this from the last tip, in the picture, does not steer the search.
     pub candidate_reach_m: f64,
+    /// Lateral: most that the needle is fed in one search to see which candidates go with it; 0: they are believed without.
+    pub max_jog_m: f64,
     /// Speed of the elevational sweep after a loss.
     pub sweep_speed_m_s: f64,
     /// Farthest the sweep goes to either side; it widens in thirds.
@@ -287,6 +289,7 @@ impl Default for ServoSettings {
             confirm_s: 0.8,
             crest_levels: 8.0,
             candidate_reach_m: 6e-3,
+            max_jog_m: 4e-3,
             sweep_speed_m_s: 5e-3,
             sweep_reach_m: 7e-3,
             yaw_reach_rad: 8.0_f64.to_radians(),

@@ -155,6 +155,7 @@ pub(super) fn servo(
         confirm_s: raw.confirm_s,
         crest_levels: raw.crest_levels,
         candidate_reach_m: m(raw.candidate_reach_mm),
+        max_jog_m: m(raw.max_jog_mm),
         sweep_speed_m_s: m(raw.sweep_speed_mm_s),
         sweep_reach_m: m(raw.sweep_reach_mm),
         yaw_reach_rad: rad(raw.yaw_reach_deg),

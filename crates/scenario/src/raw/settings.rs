@@ -262,6 +262,9 @@ pub(crate) struct RawServo {
     /// A candidate farther than this from the last tip, in the picture, does not steer the search.
     #[garde(range(min = 0.0, max = 100.0))]
     pub candidate_reach_mm: f64,
+    /// Lateral: most that the needle is fed in one search to see which candidates go with it; 0: they are believed without.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub max_jog_mm: f64,
     /// Speed of the elevational sweep after a loss.
     #[garde(range(min = 0.1, max = 200.0))]
     pub sweep_speed_mm_s: f64,
@@ -309,6 +312,7 @@ impl Default for RawServo {
             confirm_s: 0.8,
             crest_levels: 8.0,
             candidate_reach_mm: 6.0,
+            max_jog_mm: 4.0,
             sweep_speed_mm_s: 5.0,
             sweep_reach_mm: 7.0,
             yaw_reach_deg: 8.0,

@@ -1,16 +1,19 @@
 //! Find a lost tip by moving the plane: look, then go along a pattern in elevation and yaw about the last tip.
 //!
-//! The needle stands still meanwhile. A sweep does not stop at the first candidate, which is the edge of the
+//! The needle stands still on the way. A sweep does not stop at the first candidate, which is the edge of the
 //! slice: it goes on until the candidate fades, fits the tip's level over the path, returns to its crest and only
-//! there lets the tracker confirm. Travel, force and time are bounded; not found is an honest end.
+//! there lets the tracker confirm, in a lateral view once the candidate has gone along with a short feed ([`Jog`]). Travel,
+//! force and time are bounded; not found is an honest end.
 
 mod crest;
+mod jog;
 mod pattern;
 
 use serde::{Deserialize, Serialize};
 use sonoloop_types::ServoSettings;
 
 use crest::{Sample, brightest, crest_at};
+pub use jog::Jog;
 use pattern::{Axis, waypoint};
 
 /// The time of looking after a restart of the tracker: the needle went on unseen, the whole picture is searched.
@@ -89,6 +92,8 @@ pub struct Search {
     crest_reversed: bool,
     gap_images: u32,
     last: Option<Offset>,
+    /// Tests of its candidates.
+    pub jog: Jog,
 }
 
 /// What the search is told with each picture.
@@ -141,7 +146,16 @@ impl Search {
             crest_reversed: false,
             gap_images: 0,
             last: None,
+            jog: Jog::default(),
         }
+    }
+
+    /// What is seen here is not the tip: goes on looking elsewhere.
+    pub fn refuse(&mut self) {
+        self.bright = false;
+        self.least_level = None;
+        self.levels_count = false;
+        self.phase = Phase::Sweep;
     }
 
     /// True while the tracker must not confirm a candidate because the plane is on its way.
@@ -275,8 +289,7 @@ impl Search {
             Some(since_s)
                 if view.time_s - since_s > settings.confirm_s * if candidate { 2.0 } else { 1.0 } =>
             {
-                self.levels_count = false;
-                self.phase = Phase::Sweep;
+                self.refuse();
             }
             Some(_) => {}
         }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::search::Phase;
 use sonoloop_types::{ImageGeometry, Limits, Profile, ServoSettings, TrackerSettings};
 
 pub(crate) fn settings() -> ServoSettings {
@@ -10,7 +11,7 @@ pub(crate) fn settings() -> ServoSettings {
     }
 }
 
-fn setup(view: View) -> Setup {
+pub(crate) fn setup(view: View) -> Setup {
     Setup {
         protocol: 1,
         run_id: 1,
@@ -36,7 +37,7 @@ fn setup(view: View) -> Setup {
     }
 }
 
-fn acquisition(sequence: u64) -> Acquisition {
+pub(crate) fn acquisition(sequence: u64) -> Acquisition {
     Acquisition {
         sequence,
         acquisition_tick: sequence * 40,
@@ -149,4 +150,48 @@ fn a_restored_servo_answers_like_the_one_it_was_taken_from() {
         let lost = estimate(TrackState::Lost);
         assert_eq!(one.answer(&acquisition(k), &lost), two.answer(&acquisition(k), &lost));
     }
+}
+
+/// Looks for a lost tip with a candidate in sight within half a millimetre of a plane 1 mm aside; the arm and the needle obey, and
+/// `carries` is the share of the needle's way that the candidate goes along. Whether it may be confirmed, and the needle's way.
+fn search_past_a_candidate(carries: f64) -> (bool, f64) {
+    let mut servo = Servo::new(setup(View::Lateral));
+    servo.answer(&acquisition(0), &estimate(TrackState::Tracking));
+    let (mut at, mut fed_m, mut feed_m_s) = (Pose::identity(), 0.0, 0.0);
+    for k in 1..1000 {
+        let seen = Acquisition {
+            base_from_probe: at,
+            depth_m: Some(0.02 + fed_m),
+            feed_m_s: Some(feed_m_s),
+            ..acquisition(k)
+        };
+        let aside_m = at.translation.y - 1e-3;
+        let visible = aside_m.abs() < 0.5e-3;
+        if visible && servo.guidance(&seen).confirmation == Confirmation::Confirms {
+            return (true, fed_m);
+        }
+        if matches!(servo.mode(), Mode::Search(search) if search.phase == Phase::NotFound) {
+            break;
+        }
+        let way_px = carries * fed_m / servo.setup.geometry.spacing_m;
+        let said = Estimate {
+            tip_px: Some([319.5 + 0.6 * way_px, 200.0 + 0.8 * way_px]),
+            tip_level: Some(200.0 - 1e8 * aside_m * aside_m),
+            ..estimate(if visible { TrackState::Recovering } else { TrackState::Lost })
+        };
+        let command = servo.answer(&seen, &said);
+        assert!(command.feed_m_s == 0.0 || visible, "the needle is fed without a candidate");
+        feed_m_s = command.feed_m_s;
+        fed_m += 0.04 * feed_m_s;
+        at = command.target_base_from_probe.unwrap();
+    }
+    (false, fed_m)
+}
+
+#[test]
+fn a_candidate_is_confirmed_only_once_it_went_with_the_needle() {
+    let (confirmed, fed_m) = search_past_a_candidate(1.0);
+    assert!(confirmed && (0.3e-3..0.7e-3).contains(&fed_m), "{fed_m}");
+    let (confirmed, fed_m) = search_past_a_candidate(0.0);
+    assert!(!confirmed && (0.5e-3..1.2e-3).contains(&fed_m), "tested once: {fed_m}");
 }

@@ -10,7 +10,7 @@ use answer::check_answer;
 use arbitrary::{Arbitrary, Unstructured};
 use libfuzzer_sys::fuzz_target;
 use sonoloop_tracker::{Checkpoint, Context, Tracker};
-use sonoloop_types::{
+use sonoloop_types::{Confirmation, 
     Guess, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy, Warp,
 };
 
@@ -108,7 +108,7 @@ impl Picture {
 #[derive(Debug, Arbitrary)]
 struct Told {
     motion_px: Option<[f32; 2]>,
-    hold_confirmation: bool,
+    held: bool,
     axis_px: Option<[f32; 2]>,
 }
 
@@ -117,7 +117,7 @@ impl Told {
         let wide = |pair: [f32; 2]| pair.map(f64::from);
         Context {
             motion_px: self.motion_px.map(wide),
-            hold_confirmation: self.hold_confirmation,
+            confirmation: if self.held { Confirmation::Held } else { Confirmation::Confirms },
             axis_px: self.axis_px.map(wide),
         }
     }
