@@ -12,6 +12,7 @@ use crate::{
     columns::Columns,
     echo::Echo,
     fast::exp_minus,
+    instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
     shear::{Shear, Slab},
@@ -168,8 +169,27 @@ pub fn slab(lattice: &Lattice, shear: &Shear, motion: Option<&Motion>) -> Slab {
     Slab { elevations_m: [drift_m.min(0.0) - reach_m, drift_m.max(0.0) + reach_m], reach_m }
 }
 
+wide! {
+    /// Depths, phantom frame, at which columns of a row from `first` on come near the plane, one after the other in `low_m`
+    /// and `high_m`.
+    fn near_plane(shear: &Shear, lattice: &Lattice, reach_m: f64, first: i32, iy: i32, low_m: &mut [f64], high_m: &mut [f64]) {
+        let (e_m, top_row) = (&shear.e, &shear.top_row);
+        let (e_in_row_m, top_in_row) = (e_m.in_row(iy), top_row.in_row(iy));
+        let across = (first..).zip(low_m.iter_mut().zip(high_m));
+        for (ix, (low_m, high_m)) in across {
+            let ix = f64::from(ix);
+            let (e_m, top_row) = (e_in_row_m + e_m.per_ix * ix, top_in_row + top_row.per_ix * ix);
+            [*high_m, *low_m] = shear
+                .elevations_at(e_m, reach_m)
+                .map(|row| -((row - top_row) / shear.rows_per_scatterer + 0.5) * lattice.depth_step_m);
+        }
+    }
+}
+
 /// Appends the echoes of the facets near the plane of the picture.
+#[expect(clippy::too_many_arguments, reason = "one call site; the arguments are the scene")]
 pub fn add_echoes(
+    instructions: Instructions,
     beam: &Beam,
     lattice: &Lattice,
     shear: &Shear,
@@ -178,70 +198,102 @@ pub fn add_echoes(
     motion: Option<&Motion>,
     echoes: &mut Vec<Echo>,
 ) {
-    let [lateral, elevational, down] =
-        [Vector::x(), Vector::y(), Vector::z()].map(|axis| slice.phantom_from_probe * axis);
+    let axes = [Vector::x(), Vector::y(), Vector::z()].map(|axis| slice.phantom_from_probe * axis);
     let [dx_m, dy_m] = lattice.spacing_m();
-    // A window across the plane makes the facets of several rows stand for one line; its weights sum to one.
     let window_m = window_m(lattice);
-    let plane = amplitude_from_db(PLANE_LEVEL_DB);
-    let level = plane * dx_m * dy_m * down.z.abs() / (core::f64::consts::TAU * window_m);
-    let reach_m = WINDOW_REACH * window_m;
+    let upright = axes[2].z.abs();
+    let level =
+        amplitude_from_db(PLANE_LEVEL_DB) * dx_m * dy_m * upright / (core::f64::consts::TAU * window_m);
+    let mirrors = Mirrors { beam, lattice, shear, motion, axes, window_m, level };
     let slab = slab(lattice, shear, motion);
-    for [ix, iy] in shear.columns_across(slab) {
-        // Only where the column is near the plane.
-        let (e_m, top_row) = (shear.e.at(ix, iy), shear.top_row.at(ix, iy));
-        let [high_m, low_m] = shear
-            .elevations_at(e_m, slab.reach_m)
-            .map(|row| -((row - top_row) / shear.rows_per_scatterer + 0.5) * lattice.depth_step_m);
-        let mut by_place = None;
-        for (place, &Facet { z_m, level_np, slope }) in columns.facets(ix, iy, low_m, high_m) {
-            let (rest_z_m, slope) = (f64::from(z_m), slope.map(f64::from));
-            let row = top_row + lattice.index_at(rest_z_m) * shear.rows_per_scatterer;
-            let mut z_m = row * shear.row_step_m;
-            let mut e_m = e_m + shear.elevation_slope * z_m;
-            let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
-            let mut normal = Vector::new(-slope[0], -slope[1], 1.0);
-            let hidden =
-                |x_m: f64, e_m: f64, z_m: f64| z_m < 0.0 || e_m.abs() > reach_m || x_m.abs() > shear.reach_m;
-            if let Some(motion) = motion {
-                let [column_x_m, column_y_m] = lattice.column_m(ix, iy);
-                let rest = Point::new(column_x_m, column_y_m, rest_z_m);
-                let by_place = *by_place.get_or_insert_with(|| motion.by_place(rest.x, rest.y));
-                let by_m = motion.displacement_of(by_place, rest);
-                [x_m, e_m, z_m] = [(x_m, lateral), (e_m, elevational), (z_m, down)]
-                    .map(|(at_rest_m, axis)| at_rest_m + by_m.dot(&axis));
-                if hidden(x_m, e_m, z_m) {
-                    continue;
-                }
-                normal = moved_normal(motion, rest, by_m, slope);
+    let (mut low_m, mut high_m) = (Vec::new(), Vec::new());
+    for iy in shear.rows_across() {
+        let along = shear.overlap(slab, iy);
+        low_m.resize(along.len(), 0.0);
+        high_m.resize(along.len(), 0.0);
+        near_plane(instructions, shear, lattice, slab.reach_m, along.start, iy, &mut low_m, &mut high_m);
+        for (ix, (&low_m, &high_m)) in along.zip(low_m.iter().zip(&high_m)) {
+            let mut by_place = None;
+            for (place, facet) in columns.facets(ix, iy, low_m, high_m) {
+                mirrors.add_facet([ix, iy], facet, columns.mirror(place), &mut by_place, echoes);
             }
+        }
+    }
+}
+
+/// What facets are drawn with.
+struct Mirrors<'a> {
+    beam: &'a Beam,
+    lattice: &'a Lattice,
+    shear: &'a Shear,
+    motion: Option<&'a Motion>,
+    /// The probe's axes in the phantom frame: lateral, elevational, down.
+    axes: [Vector; 3],
+    /// σ of a window across the plane, which makes the facets of several rows stand for one line; its weights sum to one.
+    window_m: f64,
+    /// Of a facet that reflects all, in the middle of that window.
+    level: f64,
+}
+
+impl Mirrors<'_> {
+    /// Appends the echoes of one facet of a column. `by_place` is what the motion is by the column's place, once it is known.
+    fn add_facet(
+        &self,
+        [ix, iy]: [i32; 2],
+        facet: &Facet,
+        mirror: &Mirror,
+        by_place: &mut Option<[f64; 2]>,
+        echoes: &mut Vec<Echo>,
+    ) {
+        let Self { beam, lattice, shear, motion, axes, window_m, level } = *self;
+        let [lateral, elevational, down] = axes;
+        let reach_m = WINDOW_REACH * window_m;
+        let &Facet { z_m, level_np, slope } = facet;
+        let (rest_z_m, slope) = (f64::from(z_m), slope.map(f64::from));
+        let row = shear.top_row.at(ix, iy) + lattice.index_at(rest_z_m) * shear.rows_per_scatterer;
+        let mut z_m = row * shear.row_step_m;
+        let mut e_m = shear.e.at(ix, iy) + shear.elevation_slope * z_m;
+        let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
+        let mut normal = Vector::new(-slope[0], -slope[1], 1.0);
+        let hidden =
+            |x_m: f64, e_m: f64, z_m: f64| z_m < 0.0 || e_m.abs() > reach_m || x_m.abs() > shear.reach_m;
+        if let Some(motion) = motion {
+            let [column_x_m, column_y_m] = lattice.column_m(ix, iy);
+            let rest = Point::new(column_x_m, column_y_m, rest_z_m);
+            let by_place = *by_place.get_or_insert_with(|| motion.by_place(rest.x, rest.y));
+            let by_m = motion.displacement_of(by_place, rest);
+            [x_m, e_m, z_m] = [(x_m, lateral), (e_m, elevational), (z_m, down)]
+                .map(|(at_rest_m, axis)| at_rest_m + by_m.dot(&axis));
             if hidden(x_m, e_m, z_m) {
-                continue;
+                return;
             }
-            // Depth changes by this along the surface, laterally and in elevation.
-            let towards = normal.dot(&down);
-            let [g_l, g_e] = [lateral, elevational].map(|axis| -normal.dot(&axis) / towards);
-            let sigma_m = [beam.sigma_lateral_m * beam.widening(x_m, z_m), beam.sigma_elevation_m(z_m)];
-            let turns = [g_l * sigma_m[0], g_e * sigma_m[1]].map(|v| beam.two_k_rad_m * v);
-            let fade = -0.5 * (turns[0] * turns[0] + turns[1] * turns[1]);
-            let seen_np = f64::from(level_np) + fade;
-            if seen_np.is_nan() || seen_np < LEAST_NP {
-                continue;
-            }
-            let u = e_m / window_m;
-            let across = f64::from(exp_minus((0.5 * (u * u + turns[1] * turns[1])) as f32));
-            let amplitude = level * across / sigma_m[0];
-            let patch = Patch { x_m, z_m: z_m - g_e * e_m, slope: g_l };
-            let mirror = columns.mirror(place);
-            patch.add(beam, dx_m, amplitude * mirror.reflection, 0.0, echoes);
-            if mirror.ratio > 0.0 {
-                // Once through the near face and back, and off the far one; the first such echo is that face's own.
-                let far = mirror.ratio / mirror.reflection.abs();
-                let mut late = amplitude * (1.0 - mirror.reflection * mirror.reflection) * far;
-                for bounce in 2..=REVERBERATIONS {
-                    late *= mirror.ratio;
-                    patch.add(beam, dx_m, late, f64::from(bounce) * mirror.spacing_m, echoes);
-                }
+            normal = moved_normal(motion, rest, by_m, slope);
+        }
+        if hidden(x_m, e_m, z_m) {
+            return;
+        }
+        // Depth changes by this along the surface, laterally and in elevation.
+        let towards = normal.dot(&down);
+        let [g_l, g_e] = [lateral, elevational].map(|axis| -normal.dot(&axis) / towards);
+        let sigma_m = [beam.sigma_lateral_m * beam.widening(x_m, z_m), beam.sigma_elevation_m(z_m)];
+        let turns = [g_l * sigma_m[0], g_e * sigma_m[1]].map(|v| beam.two_k_rad_m * v);
+        let fade = -0.5 * (turns[0] * turns[0] + turns[1] * turns[1]);
+        let seen_np = f64::from(level_np) + fade;
+        if seen_np.is_nan() || seen_np < LEAST_NP {
+            return;
+        }
+        let u = e_m / window_m;
+        let across = f64::from(exp_minus((0.5 * (u * u + turns[1] * turns[1])) as f32));
+        let amplitude = level * across / sigma_m[0];
+        let patch = Patch { x_m, z_m: z_m - g_e * e_m, slope: g_l };
+        patch.add(beam, lattice.column_spacing_m, amplitude * mirror.reflection, 0.0, echoes);
+        if mirror.ratio > 0.0 {
+            // Once through the near face and back, and off the far one; the first such echo is that face's own.
+            let far = mirror.ratio / mirror.reflection.abs();
+            let mut late = amplitude * (1.0 - mirror.reflection * mirror.reflection) * far;
+            for bounce in 2..=REVERBERATIONS {
+                late *= mirror.ratio;
+                patch.add(beam, lattice.column_spacing_m, late, f64::from(bounce) * mirror.spacing_m, echoes);
             }
         }
     }

@@ -119,9 +119,15 @@ impl ElevationTable {
         Slab { elevations_m: ends.map(|bin| bin as f64 * self.bin_m), reach_m: self.widest_m }
     }
 
-    /// Where the columns at `e_m` = e′ cross the slice, and where their weights begin; `None` when they miss it.
-    pub fn crossing(&self, e_m: f64) -> Option<(Weights, &[Run])> {
-        let bin = nearest(e_m * self.bins_per_m) - self.first_bin;
+    /// Bin of the columns at `e_m` = e′, see [`Self::crossing`].
+    #[inline(always)]
+    pub fn bin(&self, e_m: f64) -> i64 {
+        nearest(e_m * self.bins_per_m) - self.first_bin
+    }
+
+    /// Where the columns of a bin cross the slice, and where their weights begin; `None` when they miss it.
+    #[inline]
+    pub fn crossing(&self, bin: i64) -> Option<(Weights, &[Run])> {
         if bin < 0 || bin >= self.bins as i64 {
             return None;
         }
@@ -162,8 +168,9 @@ impl Block {
 
     fn push_bin(&mut self, shear: &Shear, e_m: f64, widest_m: f64, profile: &Profile) {
         let Profile { decay, peak, reach_m, drift_m, .. } = profile;
-        let (lo, hi) = shear.rows_within(e_m, shear.elevation_slope, widest_m);
-        let (lo, hi, e) = (lo / STRIDE * STRIDE, hi.next_multiple_of(STRIDE), e_m as f32);
+        let [lo, hi] = shear.rows_within(e_m, shear.elevation_slope, widest_m).map(|row| row as usize);
+        let (lo, hi, e) =
+            (lo / STRIDE * STRIDE, if lo < hi { hi.next_multiple_of(STRIDE) } else { 0 }, e_m as f32);
         let inside = |row: usize| (e + drift_m[row]).abs() <= reach_m[row];
         // Looked at where a stride begins and ends: one that is crossed between them has e of both signs.
         let counts = |row: usize| {

@@ -6,8 +6,9 @@ use crate::{
     columns::{Columns, Range},
     elevation::{ElevationTable, STRIDE, Weights},
     fast::nearest,
+    instructions::{Instructions, wide},
     lattice::{Lattice, TAPE_LENGTH},
-    shear::Shear,
+    shear::{Affine, Shear},
     splat::BAND,
     tape::{BakedTape, product},
 };
@@ -40,8 +41,7 @@ pub struct Job {
 /// Jobs of one picture.
 #[derive(Default)]
 pub struct Jobs {
-    /// By part of the lattice and band of lines, in the lattice's order.
-    parts: Vec<Vec<Vec<Job>>>,
+    parts: Vec<Part>,
     phase_x: Vec<[f64; 2]>,
     phase_y: Vec<[f64; 2]>,
     wraps: Vec<[f64; 2]>,
@@ -51,6 +51,7 @@ impl Jobs {
     /// Lists what the columns add to the grid.
     pub fn build(
         &mut self,
+        instructions: Instructions,
         shear: &Shear,
         lattice: &Lattice,
         elevation: &ElevationTable,
@@ -72,15 +73,15 @@ impl Jobs {
         self.wraps
             .extend((0..=samples / TAPE_LENGTH).map(|wrap| turn((wrap as f64 - 1.0) * TAPE_LENGTH as f64)));
 
-        self.parts.resize_with(PARTS, Vec::new);
+        self.parts.resize_with(PARTS, Part::default);
         let (phase_x, phase_y, wraps) = (&self.phase_x, &self.phase_y, &self.wraps);
         let list = Listing { shear, lattice, elevation, columns, tape, phase_x, phase_y, wraps };
         let (rows, bands) = ((iy_max - iy_min + 1).max(0) as usize, shear.lines.div_ceil(BAND));
-        self.parts.par_iter_mut().enumerate().for_each(|(part, by_band)| {
-            by_band.iter_mut().for_each(Vec::clear);
-            by_band.resize_with(bands, Vec::new);
-            for row in part * rows / PARTS..(part + 1) * rows / PARTS {
-                list.row(iy_min + row as i32, by_band);
+        self.parts.par_iter_mut().enumerate().for_each(|(index, part)| {
+            part.by_band.iter_mut().for_each(Vec::clear);
+            part.by_band.resize_with(bands, Vec::new);
+            for row in index * rows / PARTS..(index + 1) * rows / PARTS {
+                list.row(instructions, iy_min + row as i32, part);
             }
         });
     }
@@ -90,7 +91,7 @@ impl Jobs {
         // Line 0 is the last one of the band before, whose columns reach into this one.
         let line = |job: &Job| (job.line as usize + 1) - band * BAND;
         let mut next = [0; BAND + 2];
-        let jobs = || self.parts.iter().flat_map(|by_band| &by_band[band]);
+        let jobs = || self.parts.iter().flat_map(|part| &part.by_band[band]);
         jobs().for_each(|job| next[line(job) + 1] += 1);
         (1..next.len()).for_each(|line| next[line] += next[line - 1]);
         sorted.clear();
@@ -99,6 +100,59 @@ impl Jobs {
             let place = &mut next[line(job)];
             sorted[*place] = *job;
             *place += 1;
+        }
+    }
+}
+
+/// Jobs of a part of the lattice.
+#[derive(Default)]
+struct Part {
+    /// By band of lines, in the lattice's order.
+    by_band: Vec<Vec<Job>>,
+    places: Places,
+}
+
+/// Where the columns of a row of the lattice are, side by side.
+#[derive(Default)]
+struct Places {
+    /// Bin of the elevation table.
+    bin: Vec<i64>,
+    /// Lines, in fractions.
+    line: Vec<f64>,
+    /// Rows `lo..hi` within the picture's width, whole strides.
+    lo: Vec<i64>,
+    hi: Vec<i64>,
+    /// Depth of scatterer 0 in sub-delays.
+    top: Vec<i64>,
+}
+
+wide! {
+    /// Places `count` columns of a row from `first` on.
+    fn place(places: &mut Places, list: &Listing, first: i32, count: usize, iy: i32) {
+        let Listing { shear, elevation, tape, .. } = *list;
+        let Places { bin, line, lo, hi, top } = places;
+        for list in [&mut *bin, lo, hi, top] {
+            list.resize(count, 0);
+        }
+        line.resize(count, 0.0);
+        let row = |value: &Affine| (value.in_row(iy), value.per_ix);
+        let at = |(in_row, per_ix): (f64, f64), i: usize| in_row + per_ix * f64::from(first + i as i32);
+        let (e, x, depth) = (row(&shear.e), row(&shear.x), row(&shear.top_row));
+        let (first_line_m, lines_per_m) = (shear.first_line_m, 1.0 / shear.line_pitch_m);
+        let per_row = tape.sub_delays as f64;
+        let stride = STRIDE as i64;
+        for (i, bin) in bin.iter_mut().enumerate() {
+            *bin = elevation.bin(at(e, i));
+        }
+        for (i, line) in line.iter_mut().enumerate() {
+            *line = (at(x, i) - first_line_m) * lines_per_m;
+        }
+        for (i, top) in top.iter_mut().enumerate() {
+            *top = nearest(at(depth, i) * per_row);
+        }
+        for (i, (lo, hi)) in lo.iter_mut().zip(hi).enumerate() {
+            let [first, end] = shear.rows_within(at(x, i), shear.lateral_slope, shear.reach_m);
+            (*lo, *hi) = (first & -stride, if first < end { (end + stride - 1) & -stride } else { 0 });
         }
     }
 }
@@ -118,29 +172,26 @@ struct Listing<'a> {
 
 impl Listing<'_> {
     /// Appends the jobs of one row of the lattice.
-    fn row(&self, iy: i32, by_band: &mut [Vec<Job>]) {
+    fn row(&self, instructions: Instructions, iy: i32, part: &mut Part) {
         let Self { shear, lattice, elevation, columns, tape, .. } = *self;
         let [[ix_min, _], [iy_min, _]] = shear.columns;
-        let per_row = tape.sub_delays as f64;
-        let lines_per_m = 1.0 / shear.line_pitch_m;
         let deepest = columns.most_scatterers() as i64;
-        for ix in shear.overlap(elevation.slab(), iy) {
-            let Some((mut weights, runs)) = elevation.crossing(shear.e.at(ix, iy)) else { continue };
-            let x_m = shear.x.at(ix, iy);
-            let (x_lo, x_hi) = shear.rows_within(x_m, shear.lateral_slope, shear.reach_m);
-            if x_lo == x_hi {
-                continue;
-            }
-            let (x_lo, x_hi) = ((x_lo / STRIDE * STRIDE) as i64, x_hi.next_multiple_of(STRIDE) as i64);
-            let line = (x_m - shear.first_line_m) * lines_per_m;
-            if !(line >= 0.0 && line < (shear.lines - 1) as f64) {
+        let Part { by_band, places } = part;
+        let along = shear.overlap(elevation.slab(), iy);
+        place(instructions, places, self, along.start, along.len(), iy);
+        let Places { bin, line, lo, hi, top } = &*places;
+        let rows = lo.iter().zip(hi);
+        let places = bin.iter().zip(line).zip(rows).zip(top);
+        for (ix, (((&bin, &line), (&x_lo, &x_hi)), &top)) in along.zip(places) {
+            let Some((mut weights, runs)) = elevation.crossing(bin) else { continue };
+            if x_lo >= x_hi || !(line >= 0.0 && line < (shear.lines - 1) as f64) {
                 continue;
             }
             let column = columns.get(ix, iy);
             if columns.layers(column).is_empty() {
                 continue;
             }
-            let (row_of_0, sub_delay) = tape.split(nearest(shear.top_row.at(ix, iy) * per_row) as i32);
+            let (row_of_0, sub_delay) = tape.split(top as i32);
             let (row_of_0, sub_delay) = (i64::from(row_of_0), sub_delay as usize);
             let offset = lattice.tape_offset(ix, iy);
             let phase = product(

@@ -277,13 +277,13 @@ impl Paths {
             for i in 0..across {
                 // Displayed depth grows with the true one, as no material is infinitely fast.
                 let shown = |row: usize| row as f32 * step_m + self.delay_m[row * across + i];
-                let mut row = 0;
+                let (mut row, mut from, mut to) = (0, shown(0), shown(1));
                 for target in 0..down {
                     let wanted = target as f32 * step_m;
-                    while row + 2 < down && shown(row + 1) < wanted {
+                    while row + 2 < down && to < wanted {
                         row += 1;
+                        (from, to) = (to, shown(row + 1));
                     }
-                    let (from, to) = (shown(row), shown(row + 1));
                     let share = ((wanted - from) / (to - from).max(1e-9)).clamp(0.0, 1.0);
                     let [above, below] = [row, row + 1].map(|row| row * across + i);
                     let between = |map: &[f32]| map[above] + share * (map[below] - map[above]);

@@ -405,7 +405,7 @@ impl Renderer {
                     points.fill(model, lattice, tissue, pose, motion, grid);
                 } else {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
-                    jobs.build(shear, lattice, elevation, tissue, tape, phase_per_row_rad);
+                    jobs.build(instructions, shear, lattice, elevation, tissue, tape, phase_per_row_rad);
                     grid.fill(shear, jobs, Sources { instructions, tape, elevation, columns: tissue });
                 }
             },
@@ -414,7 +414,16 @@ impl Renderer {
                 // A pose that shows no tissue has none in the way either.
                 paths.sample(lattice, tissue, shear.map(|_| pose), motion);
                 if let Some(shear) = shear {
-                    boundary::add_echoes(beam, lattice, shear, tissue, slice, motion, &mut echoes.surfaces);
+                    boundary::add_echoes(
+                        instructions,
+                        beam,
+                        lattice,
+                        shear,
+                        tissue,
+                        slice,
+                        motion,
+                        &mut echoes.surfaces,
+                    );
                 }
                 echoes.stamp(instructions, beam, tape, paths, slice, layout);
             },

@@ -5,7 +5,7 @@ use sonoloop_types::{ImageGeometry, Point, Pose, Vector};
 use crate::{
     beam::{Beam, PROFILE_REACH},
     elevation::STRIDE,
-    fast::floor,
+    fast::floor_side_by_side,
     lattice::Lattice,
     motion::Motion,
 };
@@ -199,24 +199,21 @@ impl Shear {
         first..=last
     }
 
-    /// [`Self::overlap`] of all rows.
-    pub fn columns_across(&self, slab: Slab) -> impl Iterator<Item = [i32; 2]> {
-        self.rows_across().flat_map(move |iy| self.overlap(slab, iy).map(move |ix| [ix, iy]))
-    }
-
-    /// Rows `lo..hi` in which |at_zero + slope·z| ≤ bound.
-    pub fn rows_within(&self, at_zero_m: f64, slope: f64, bound_m: f64) -> (usize, usize) {
+    /// Rows `lo..hi` in which |at_zero + slope·z| ≤ bound; none where `lo` is not below `hi`.
+    #[inline(always)]
+    pub fn rows_within(&self, at_zero_m: f64, slope: f64, bound_m: f64) -> [i64; 2] {
         let rows = self.rows as f64;
         let per_row = slope * self.row_step_m;
-        let (low, high) = if per_row.abs() < 1e-12 {
-            if at_zero_m.abs() <= bound_m { (0.0, rows - 1.0) } else { (1.0, 0.0) }
-        } else {
-            let a = (-bound_m - at_zero_m) / per_row;
-            let b = (bound_m - at_zero_m) / per_row;
-            (a.min(b), a.max(b))
+        if per_row.abs() < 1e-12 {
+            return if at_zero_m.abs() <= bound_m { [0, self.rows as i64] } else { [0, 0] };
+        }
+        let (a, b) = ((-bound_m - at_zero_m) / per_row, (bound_m - at_zero_m) / per_row);
+        // Comparisons, as `min` and `max` also look for what is no number.
+        let (low, high) = if a < b { (a, b) } else { (b, a) };
+        let within = |row: f64| {
+            let row = if row > 0.0 { row } else { 0.0 };
+            if row < rows { row } else { rows }
         };
-        let low = -floor(-low.clamp(0.0, rows));
-        let high = floor((high + 1.0).clamp(0.0, rows));
-        if low < high { (low as usize, high as usize) } else { (0, 0) }
+        [-floor_side_by_side(-within(low)), floor_side_by_side(within(high + 1.0))]
     }
 }
