@@ -22,7 +22,7 @@ pub enum Mode {
     /// Following a tracked tip.
     Follow,
     /// Looking for a lost one.
-    Search(Search),
+    Search(Box<Search>),
     /// The tip stands at the target.
     Arrived,
 }
@@ -280,13 +280,9 @@ impl Servo {
                     View::Lateral => None,
                     View::Transverse => Some(self.least_tip_level(1.0).unwrap_or(f64::NEG_INFINITY)),
                 };
-                self.state.mode = Mode::Search(Search::new(
-                    &self.setup.servo,
-                    time_s,
-                    first_side,
-                    least_level,
-                    after_restart,
-                ));
+                let settings = &self.setup.servo;
+                let search = Search::new(settings, time_s, first_side, least_level, after_restart);
+                self.state.mode = Mode::Search(Box::new(search));
                 self.state.hold.reset();
                 (self.state.drift_m_s, self.state.hand_m_s) = (0.0, 0.0);
             }

@@ -170,9 +170,16 @@ pub fn slab(lattice: &Lattice, shear: &Shear, motion: Option<&Motion>) -> Slab {
 }
 
 wide! {
-    /// Depths, phantom frame, at which columns of a row from `first` on come near the plane, one after the other in `low_m`
-    /// and `high_m`.
-    fn near_plane(shear: &Shear, lattice: &Lattice, reach_m: f64, first: i32, iy: i32, low_m: &mut [f64], high_m: &mut [f64]) {
+    /// Lowest and highest depth, phantom frame, at which columns of a row from `first` on come near the plane.
+    fn near_plane(
+        shear: &Shear,
+        lattice: &Lattice,
+        reach_m: f64,
+        first: i32,
+        iy: i32,
+        depths_m: &mut [Vec<f64>; 2],
+    ) {
+        let [low_m, high_m] = depths_m;
         let (e_m, top_row) = (&shear.e, &shear.top_row);
         let (e_in_row_m, top_in_row) = (e_m.in_row(iy), top_row.in_row(iy));
         let across = (first..).zip(low_m.iter_mut().zip(high_m));
@@ -206,13 +213,13 @@ pub fn add_echoes(
         amplitude_from_db(PLANE_LEVEL_DB) * dx_m * dy_m * upright / (core::f64::consts::TAU * window_m);
     let mirrors = Mirrors { beam, lattice, shear, motion, axes, window_m, level };
     let slab = slab(lattice, shear, motion);
-    let (mut low_m, mut high_m) = (Vec::new(), Vec::new());
+    let mut depths_m = [Vec::new(), Vec::new()];
     for iy in shear.rows_across() {
         let along = shear.overlap(slab, iy);
-        low_m.resize(along.len(), 0.0);
-        high_m.resize(along.len(), 0.0);
-        near_plane(instructions, shear, lattice, slab.reach_m, along.start, iy, &mut low_m, &mut high_m);
-        for (ix, (&low_m, &high_m)) in along.zip(low_m.iter().zip(&high_m)) {
+        depths_m.iter_mut().for_each(|depths_m| depths_m.resize(along.len(), 0.0));
+        near_plane(instructions, shear, lattice, slab.reach_m, along.start, iy, &mut depths_m);
+        let [low_m, high_m] = &depths_m;
+        for (ix, (&low_m, &high_m)) in along.zip(low_m.iter().zip(high_m)) {
             let mut by_place = None;
             for (place, facet) in columns.facets(ix, iy, low_m, high_m) {
                 mirrors.add_facet([ix, iy], facet, columns.mirror(place), &mut by_place, echoes);

@@ -9,7 +9,7 @@ use crate::{
     instructions::{Instructions, wide},
     lattice::{Lattice, TAPE_LENGTH},
     shear::{Affine, Shear},
-    splat::BAND,
+    splat::{BAND, Sources},
     tape::{BakedTape, product},
 };
 
@@ -49,16 +49,8 @@ pub struct Jobs {
 
 impl Jobs {
     /// Lists what the columns add to the grid.
-    pub fn build(
-        &mut self,
-        instructions: Instructions,
-        shear: &Shear,
-        lattice: &Lattice,
-        elevation: &ElevationTable,
-        columns: &Columns,
-        tape: &BakedTape,
-        phase_per_row_rad: f64,
-    ) {
+    pub fn build(&mut self, shear: &Shear, lattice: &Lattice, sources: Sources, phase_per_row_rad: f64) {
+        let Sources { instructions, tape, elevation, columns } = sources;
         let [[ix_min, ix_max], [iy_min, iy_max]] = shear.columns;
         let turn = |rows: f64| {
             let (sin, cos) = libm::sincos(-phase_per_row_rad * rows);

@@ -405,8 +405,9 @@ impl Renderer {
                     points.fill(model, lattice, tissue, pose, motion, grid);
                 } else {
                     let phase_per_row_rad = beam.two_k_rad_m * shear.row_step_m;
-                    jobs.build(instructions, shear, lattice, elevation, tissue, tape, phase_per_row_rad);
-                    grid.fill(shear, jobs, Sources { instructions, tape, elevation, columns: tissue });
+                    let sources = Sources { instructions, tape, elevation, columns: tissue };
+                    jobs.build(shear, lattice, sources, phase_per_row_rad);
+                    grid.fill(shear, jobs, sources);
                 }
             },
             || {
