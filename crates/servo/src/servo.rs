@@ -7,9 +7,10 @@ use sonoloop_types::{
 };
 
 use crate::along::{Along, Lead};
+use crate::feed;
 use crate::hold::Hold;
 use crate::predict;
-use crate::search::{self, Jog, Offset, Search};
+use crate::search::{self, Jog, Offset, Search, Seen};
 
 /// A contact force below this share of the one at the start means that the probe is off the surface.
 const CONTACT_SHARE: f64 = 0.2;
@@ -172,9 +173,11 @@ impl Servo {
         // Only now: a search that has just succeeded moves it.
         let held = self.state.held.unwrap_or(acquisition.base_from_probe);
         let lost_tip = self.lost_tip_in_probe();
+        let remaining_m = self.believed_remaining_m(acquisition, &lost_tip);
         let in_contact = self.in_contact(acquisition);
         let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
         let shaft_below = self.least_tip_level(2.0);
+        let lateral = self.setup.view == View::Lateral;
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
@@ -203,12 +206,12 @@ impl Servo {
                     },
                 );
                 let mut feed_m_s = 0.0;
-                if search.holds_confirmation() || !in_contact || stands {
-                    search.jog.stop();
-                } else if Jog::applies(&self.setup, acquisition) {
-                    let refused;
-                    (feed_m_s, refused) = search.jog.advance(&self.setup, acquisition, candidate_px);
-                    if refused {
+                if Jog::applies(&self.setup, acquisition) {
+                    let ready = !search.holds_confirmation() && in_contact && !stands;
+                    let seen = Seen { setup: &self.setup, acquisition, time_s, remaining_m };
+                    let given_up;
+                    (feed_m_s, given_up) = search.jog.advance(&seen, candidate_px.filter(|_| ready));
+                    if given_up {
                         search.refuse();
                     }
                 }
@@ -222,11 +225,13 @@ impl Servo {
             Mode::Follow => (Some(held), 0.0),
         };
         if let Some(mut tip_px) = estimate.tip_px {
-            // A candidate is not the tip yet: until it is confirmed the last believed place counts.
+            // A candidate is not the tip yet: until it is confirmed the last believed place counts, carried along by what probe and
+            // needle have been measured to do.
             if estimate.state == TrackState::Recovering
                 && let Some(last) = self.state.last
             {
-                tip_px = last.tip_px;
+                let motion_px = self.guidance(acquisition).motion_px.filter(|_| lateral).unwrap_or_default();
+                tip_px = [last.tip_px[0] + motion_px[0], last.tip_px[1] + motion_px[1]];
             }
             self.state.last = Some(Last {
                 base_from_probe: acquisition.base_from_probe,
@@ -255,6 +260,16 @@ impl Servo {
         // Before there is any, nothing moves that could depend on it.
         let px = self.state.last.map(|last| last.tip_px).or(self.setup.click_px);
         self.setup.geometry.probe_from_px(px.unwrap_or_default())
+    }
+
+    /// Way to the target from the last believed tip, by the depth measured since; none before there is one.
+    fn believed_remaining_m(&self, acquisition: &Acquisition, lost_tip: &Point) -> f64 {
+        let Some(last) = self.state.last else { return 0.0 };
+        let since_m = match (acquisition.depth_m, last.depth_m) {
+            (Some(now_m), Some(before_m)) => now_m - before_m,
+            _ => 0.0,
+        };
+        feed::remaining_m(&self.setup, &(last.base_from_probe * lost_tip)) - since_m
     }
 
     /// Transverse: level of a tip so many crests below the tracked one; one crest off the plane is centred well enough, and two

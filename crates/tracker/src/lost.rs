@@ -17,7 +17,7 @@ const NEAR_GROWTH_PX: f64 = 3.0;
 const REFINE_PX: i32 = 2;
 /// An optimiser that leaves the peak it began at found something else.
 const MAX_MOVE_PX: f64 = 3.0;
-/// The needle stands still while it is sought, so of two places alike the nearer one is likelier: what a pixel of
+/// The needle hardly moves while it is sought, and by a measured way, so of two places alike the nearer one is likelier: what a pixel of
 /// distance from the expected place costs in NCC.
 const NCC_PER_PX: f64 = 0.002;
 /// A candidate that jumps farther than this between images, beyond the measured motion, is another candidate.

@@ -21,13 +21,14 @@ const SAME_SHAFT: f64 = 0.5;
 pub(crate) fn goes_on(image: &Image, at_px: [f64; 2], axis_px: [f64; 2]) -> bool {
     let ahead = ridge(image, at_px, axis_px);
     let behind = ridge(image, at_px, [-axis_px[0], -axis_px[1]]);
-    // A shaft lies behind the place too: a ridge ahead alone is speckle.
-    ahead > LEAST_RIDGE_LEVELS && ahead > SAME_SHAFT * behind && behind > SAME_SHAFT * ahead
+    let Some(ahead) = ahead.filter(|&ahead| ahead > LEAST_RIDGE_LEVELS) else { return false };
+    // A shaft lies behind the place too, where that can be seen: a ridge ahead alone is speckle.
+    behind.is_none_or(|behind| ahead > SAME_SHAFT * behind && behind > SAME_SHAFT * ahead)
 }
 
-/// Mean grey level along the axis less that of the brighter one of the strips beside it; 0 where nothing lies inside the picture.
+/// Mean grey level along the axis less that of the brighter one of the strips beside it; `None` where most lies outside the picture.
 /// Not less their mean: the strip that lies under the shaft is in its shadow, and would make a ridge of plain tissue.
-fn ridge(image: &Image, from_px: [f64; 2], axis_px: [f64; 2]) -> f64 {
+fn ridge(image: &Image, from_px: [f64; 2], axis_px: [f64; 2]) -> Option<f64> {
     let across = [-axis_px[1], axis_px[0]];
     let (mut on, mut beside, mut count) = (0.0, [0.0; 2], 0.0);
     for step in STRETCH_PX[0]..STRETCH_PX[1] {
@@ -49,7 +50,8 @@ fn ridge(image: &Image, from_px: [f64; 2], axis_px: [f64; 2]) -> f64 {
             }
         }
     }
-    if count > 0.0 { (on - beside[0].max(beside[1])) / count } else { 0.0 }
+    let whole = f64::from(STRETCH_PX[1] - STRETCH_PX[0]) * f64::from(2 * HALF_WIDTH_PX + 1);
+    (count > whole / 2.0).then(|| (on - beside[0].max(beside[1])) / count)
 }
 
 fn level(image: &Image, at_px: [f64; 2]) -> Option<f64> {
@@ -85,6 +87,11 @@ mod tests {
         let axis = [-std::f64::consts::FRAC_1_SQRT_2; 2];
         // Seen from its other end the needle lies ahead, and nothing behind.
         assert!(!goes_on(&needle(), [102.0, 102.0], axis));
+    }
+
+    #[test]
+    fn where_the_needle_comes_in_the_ridge_ahead_decides() {
+        assert!(goes_on(&needle(), [6.0, 6.0], [std::f64::consts::FRAC_1_SQRT_2; 2]));
     }
 
     #[test]

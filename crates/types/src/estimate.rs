@@ -8,7 +8,7 @@ pub enum Confirmation {
     Confirms,
     /// It counts, but the candidate is being put to another test, and stays RECOVERING.
     Counts,
-    /// It does not count: the plane is still being moved.
+    /// It does not count: the plane is still being moved, or the probe is off the surface.
     Held,
 }
 

@@ -247,7 +247,8 @@ pub struct ServoSettings {
     pub crest_levels: f64,
     /// A candidate farther than this from the last tip, in the picture, does not steer the search.
     pub candidate_reach_m: f64,
-    /// Lateral: most that the needle is fed in one search to see which candidates go with it; 0: they are believed without.
+    /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way
+    /// when a picture is delayed comes on top); 0: they are believed without.
     pub max_jog_m: f64,
     /// Speed of the elevational sweep after a loss.
     pub sweep_speed_m_s: f64,

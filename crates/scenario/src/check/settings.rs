@@ -108,6 +108,9 @@ pub(super) fn limits(
     })
 }
 
+/// The way after which a test tells what stays behind, and the needle's way to a stop.
+const LEAST_JOG_MM: f64 = 1.0;
+
 /// Servo settings; none may ask for more than the limits allow.
 pub(super) fn servo(
     document: &Document,
@@ -128,6 +131,10 @@ pub(super) fn servo(
             let message = format!("must be at most limits.{limit} = {bound}");
             return Err(document.fail_value(&format!("servo.{key}"), value, message));
         }
+    }
+    if (f64::MIN_POSITIVE..LEAST_JOG_MM).contains(&raw.max_jog_mm) {
+        let message = format!("must be 0, or at least {LEAST_JOG_MM}: less tells no candidate from another");
+        return Err(document.fail_value("servo.max_jog_mm", raw.max_jog_mm, message));
     }
     Ok(ServoSettings {
         feed_m_s: m(raw.feed_mm_s),

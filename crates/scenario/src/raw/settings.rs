@@ -262,7 +262,8 @@ pub(crate) struct RawServo {
     /// A candidate farther than this from the last tip, in the picture, does not steer the search.
     #[garde(range(min = 0.0, max = 100.0))]
     pub candidate_reach_mm: f64,
-    /// Lateral: most that the needle is fed in one search to see which candidates go with it; 0: they are believed without.
+    /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way
+    /// when a picture is delayed comes on top); 0: they are believed without.
     #[garde(range(min = 0.0, max = 50.0))]
     pub max_jog_mm: f64,
     /// Speed of the elevational sweep after a loss.

@@ -15,8 +15,17 @@ const GOES_M: f64 = 0.3e-3;
 const STAYS_M: f64 = 0.8e-3;
 /// Share of the needle's way by which a candidate may miss where the needle would have carried it.
 const MISS: f64 = 0.5;
+/// A candidate this far both from where it was and from where the needle would have carried it is another one.
+const JUMP_PX: f64 = 10.0;
 /// What lies this near to a refused place, in the picture and across it, is the same thing.
 const SAME_M: [f64; 2] = [1.5e-3, 2.5e-3];
+/// A test may take this many times what its way takes, and this long besides.
+const PATIENCE: f64 = 2.0;
+const PATIENCE_S: f64 = 0.5;
+/// A needle that was fed as long as that and went less far is blocked: nothing can be told by it.
+const BLOCKED_M: f64 = 0.1e-3;
+/// Where the target leaves no room for a test a candidate must be this near to where the needle's depth has the tip.
+const NEAR_M: f64 = 1e-3;
 
 /// The candidate under test, when the test began.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -24,14 +33,17 @@ struct Start {
     px: [f64; 2],
     base_from_probe: Pose,
     depth_m: f64,
+    time_s: f64,
 }
 
-/// What a test has come to.
+/// What one picture says of a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
     Unknown,
     Goes,
     Stays,
+    /// It is another one.
+    Jumped,
 }
 
 /// The tests of one search.
@@ -39,11 +51,24 @@ enum Verdict {
 pub struct Jog {
     start: Option<Start>,
     goes: bool,
-    /// Way of the needle in all tests, and its depth in the last picture of a test.
+    /// Way of the needle since the first test, and its depth in the last picture.
     spent_m: f64,
     last_depth_m: Option<f64>,
     /// Places, base frame, of what did not go along.
     refused: Vec<Point>,
+}
+
+/// A picture, and what is known beside it.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<'a> {
+    /// What the tracker was told at the start.
+    pub setup: &'a Setup,
+    /// What the rig measured.
+    pub acquisition: &'a Acquisition,
+    /// Time of the picture.
+    pub time_s: f64,
+    /// Way to the target from the last believed tip, by the measured depth.
+    pub remaining_m: f64,
 }
 
 impl Jog {
@@ -57,6 +82,11 @@ impl Jog {
         self.goes
     }
 
+    /// True while a candidate is under test.
+    pub fn testing(&self) -> bool {
+        self.start.is_some()
+    }
+
     /// Whether a candidate was refused before.
     pub fn refuses(&self, setup: &Setup, acquisition: &Acquisition, px: [f64; 2]) -> bool {
         let probe_from_base = acquisition.base_from_probe.inverse();
@@ -67,63 +97,98 @@ impl Jog {
         })
     }
 
-    /// Takes a picture in which the plane stands; `px` is the candidate that it shows. Returns the feed, and whether the
-    /// candidate was refused just now.
-    pub fn advance(&mut self, setup: &Setup, acquisition: &Acquisition, px: Option<[f64; 2]>) -> (f64, bool) {
+    /// Takes every picture of the search; `px` is the candidate where one may be tested, the plane standing still. Returns the
+    /// feed, and whether the candidate was given up just now.
+    pub fn advance(&mut self, seen: &Seen, px: Option<[f64; 2]>) -> (f64, bool) {
+        let Seen { setup, acquisition, time_s, remaining_m } = *seen;
         let depth_m = acquisition.depth_m.unwrap_or(0.0);
-        if self.start.is_some() {
-            self.spent_m += (depth_m - self.last_depth_m.unwrap_or(depth_m)).max(0.0);
+        if let Some(last_m) = &mut self.last_depth_m {
+            self.spent_m += (depth_m - *last_m).max(0.0);
+            *last_m = depth_m;
         }
-        self.last_depth_m = Some(depth_m);
         let Some(px) = px else {
             self.stop();
             return (0.0, false);
         };
+        let seen_in_base = acquisition.base_from_probe * setup.geometry.probe_from_px(px);
         let Some(start) = self.start else {
-            let seen_in_base = acquisition.base_from_probe * setup.geometry.probe_from_px(px);
-            // There is no room for a test just before the target.
-            self.goes = feed::remaining_m(setup, &seen_in_base) < STAYS_M;
-            if self.goes {
+            if remaining_m < STAYS_M {
+                // No room for a test just before the target: the depth has to do.
+                self.goes = (feed::remaining_m(setup, &seen_in_base) - remaining_m).abs() < NEAR_M;
                 return (0.0, false);
             }
+            self.goes = false;
             // A needle that has not come to rest after the loss yet is let do so.
-            if acquisition.feed_m_s.is_some_and(|feed_m_s| feed_m_s.abs() < REST_M_S) && !self.spent(setup) {
-                self.start = Some(Start { px, base_from_probe: acquisition.base_from_probe, depth_m });
-                return (self.feed_m_s(setup), false);
+            let rests = acquisition.feed_m_s.is_some_and(|feed_m_s| feed_m_s.abs() < REST_M_S);
+            if !rests || self.spent(seen) {
+                return (0.0, false);
             }
-            return (0.0, false);
+            self.start = Some(Start { px, base_from_probe: acquisition.base_from_probe, depth_m, time_s });
+            self.last_depth_m.get_or_insert(depth_m);
+            return (self.feed_m_s(seen), false);
         };
-        if !self.goes {
-            match verdict(setup, acquisition, &start, depth_m - start.depth_m, px) {
-                Verdict::Goes => self.goes = true,
-                Verdict::Unknown if !self.spent(setup) => {}
-                Verdict::Unknown | Verdict::Stays => {
-                    self.refused.push(acquisition.base_from_probe * setup.geometry.probe_from_px(px));
+        let fed_m = depth_m - start.depth_m;
+        match verdict(setup, acquisition, &start, fed_m, px) {
+            Verdict::Jumped => {
+                self.stop();
+                return (0.0, false);
+            }
+            _ if self.goes => {}
+            Verdict::Goes => self.goes = true,
+            Verdict::Stays => {
+                self.refused.push(start.base_from_probe * setup.geometry.probe_from_px(start.px));
+                self.stop();
+                return (0.0, true);
+            }
+            Verdict::Unknown if time_s - start.time_s > patience_s(seen) => {
+                // Before a needle that is blocked every candidate stands still.
+                self.goes = fed_m < BLOCKED_M && !self.spent(seen);
+                if !self.goes {
                     self.stop();
                     return (0.0, true);
                 }
             }
+            Verdict::Unknown => {}
         }
-        (self.feed_m_s(setup), false)
+        let feed_m_s = if fed_m < BLOCKED_M && self.goes { 0.0 } else { self.feed_m_s(seen) };
+        (feed_m_s, false)
     }
 
     /// Ends a test without a verdict.
-    pub fn stop(&mut self) {
+    fn stop(&mut self) {
         self.start = None;
         self.goes = false;
-        self.last_depth_m = None;
     }
 
-    fn spent(&self, setup: &Setup) -> bool {
-        self.spent_m >= setup.servo.max_jog_m
+    /// Whether all that tests may feed is spent, or on its way.
+    fn spent(&self, seen: &Seen) -> bool {
+        self.spent_m + under_way_m(seen.setup, seen.acquisition) >= seen.setup.servo.max_jog_m
     }
 
-    fn feed_m_s(&self, setup: &Setup) -> f64 {
-        if self.spent(setup) {
+    fn feed_m_s(&self, seen: &Seen) -> f64 {
+        if self.spent(seen) {
             return 0.0;
         }
-        SPEED_M_S.min(setup.servo.feed_m_s).min(setup.limits.max_feed_m_s)
+        let Seen { setup, acquisition, remaining_m, .. } = *seen;
+        let since_m = under_way_m(setup, acquisition);
+        feed::feed_m_s(setup, remaining_m, since_m, acquisition.depth_m).min(SPEED_M_S)
     }
+}
+
+/// What the needle went since the picture was taken.
+fn under_way_m(setup: &Setup, acquisition: &Acquisition) -> f64 {
+    acquisition.feed_m_s.unwrap_or(0.0) * age_s(setup, acquisition)
+}
+
+fn age_s(setup: &Setup, acquisition: &Acquisition) -> f64 {
+    acquisition.publication_tick.saturating_sub(acquisition.acquisition_tick) as f64
+        / f64::from(setup.tick_rate_hz)
+}
+
+/// The longest that a test may take.
+fn patience_s(seen: &Seen) -> f64 {
+    let speed_m_s = SPEED_M_S.min(seen.setup.servo.feed_m_s);
+    PATIENCE * (STAYS_M / speed_m_s + age_s(seen.setup, seen.acquisition)) + PATIENCE_S
 }
 
 /// Compares how a candidate moved with what the needle's way and the probe's would have made of it.
@@ -140,9 +205,11 @@ fn verdict(setup: &Setup, acquisition: &Acquisition, start: &Start, fed_m: f64, 
         )
     };
     let (Some(with), Some(without)) = (motion_px(fed_m), motion_px(0.0)) else { return Verdict::Unknown };
+    let off_px = |motion: [f64; 2]| (px[0] - start.px[0] - motion[0]).hypot(px[1] - start.px[1] - motion[1]);
     let way_px = (with[0] - without[0]).hypot(with[1] - without[1]);
-    let miss_px = (px[0] - start.px[0] - with[0]).hypot(px[1] - start.px[1] - with[1]);
-    if fed_m >= GOES_M && miss_px <= MISS * way_px {
+    if off_px(with).min(off_px(without)) > JUMP_PX {
+        Verdict::Jumped
+    } else if fed_m >= GOES_M && off_px(with) <= MISS * way_px {
         Verdict::Goes
     } else if fed_m >= STAYS_M {
         Verdict::Stays
@@ -156,62 +223,146 @@ mod tests {
     use super::*;
     use crate::servo::tests::{acquisition, setup};
 
-    /// Tests what is seen at `px` while the needle obeys and `carries` takes that share of its way; returns the feed's way, and
-    /// whether the candidate went along (`None` where the test did not end).
-    fn test(jog: &mut Jog, setup: &Setup, mut px: [f64; 2], carries: f64) -> (f64, Option<bool>) {
-        let (mut fed_m, mut feed_m_s) = (0.0, 0.0);
-        for k in 0..50 {
-            let seen = Acquisition {
-                depth_m: Some(0.02 + fed_m),
-                feed_m_s: Some(if k < 2 { 1e-3 } else { feed_m_s }),
-                ..acquisition(k)
+    const PERIOD_S: f64 = 0.04;
+
+    /// What a candidate does, and the rig.
+    #[derive(Clone, Copy)]
+    struct Case {
+        px: [f64; 2],
+        /// Share of the needle's way that the candidate goes along.
+        carries: f64,
+        /// Images that a command is on its way, and a picture.
+        delays: [usize; 2],
+        /// Nothing moves the needle.
+        blocked: bool,
+        remaining_m: f64,
+    }
+
+    const CASE: Case =
+        Case { px: [300.0, 150.0], carries: 1.0, delays: [0, 0], blocked: false, remaining_m: 20e-3 };
+
+    /// Tests a candidate until there is a verdict and the needle stands: the needle's way, and whether the candidate went along
+    /// (`None` without a test that ended).
+    fn test(jog: &mut Jog, setup: &Setup, case: Case) -> (f64, Option<bool>) {
+        let Case { px, carries, delays: [command, image], blocked, remaining_m } = case;
+        let mut commanded = vec![0.0; command];
+        let mut ways_m = vec![0.0];
+        let mut found = None;
+        for k in 0..200 {
+            let way_m = ways_m[ways_m.len().saturating_sub(1 + image)];
+            let before_m = ways_m[ways_m.len().saturating_sub(2 + image)];
+            // The needle is still coasting from before the loss in the first two pictures.
+            let feed_m_s = if k < 2 { 1e-3 } else { (way_m - before_m) / PERIOD_S };
+            let shown = acquisition(k);
+            let shown = Acquisition {
+                depth_m: Some(0.02 + way_m),
+                feed_m_s: Some(feed_m_s),
+                publication_tick: shown.acquisition_tick + 40 * image as u64,
+                ..shown
             };
-            let refused;
-            (feed_m_s, refused) = jog.advance(setup, &seen, Some(px));
-            if refused || jog.goes() {
-                return (fed_m, Some(jog.goes()));
+            let shift_px = carries * way_m / setup.geometry.spacing_m;
+            let px = [px[0] + 0.6 * shift_px, px[1] + 0.8 * shift_px];
+            let seen = Seen {
+                setup,
+                acquisition: &shown,
+                time_s: PERIOD_S * k as f64,
+                remaining_m: remaining_m - way_m,
+            };
+            let (fed, given_up) = jog.advance(&seen, Some(px).filter(|_| found.is_none()));
+            assert!(k > 1 || fed == 0.0, "the needle has not come to rest");
+            if given_up || jog.goes() {
+                found = Some(jog.goes());
+                jog.stop();
             }
-            assert!(k > 1 || feed_m_s == 0.0, "the needle has not come to rest");
-            fed_m += 0.04 * feed_m_s;
-            let way_px = 0.04 * feed_m_s / setup.geometry.spacing_m;
-            px = [px[0] + 0.6 * carries * way_px, px[1] + 0.8 * carries * way_px];
+            commanded.push(if found.is_some() { 0.0 } else { fed });
+            let moves_m = if blocked { 0.0 } else { PERIOD_S * commanded[commanded.len() - 1 - command] };
+            ways_m.push(ways_m[ways_m.len() - 1] + moves_m);
         }
-        (fed_m, None)
+        (ways_m[ways_m.len() - 1], found)
     }
 
     #[test]
     fn what_goes_with_the_needle_is_believed_and_what_stays_or_goes_elsewhere_is_not() {
         let setup = setup(View::Lateral);
-        for (carries, goes) in [(1.0, true), (0.7, true), (0.3, false), (0.0, false), (-1.0, false)] {
-            let mut jog = Jog::default();
-            let (fed_m, found) = test(&mut jog, &setup, [300.0, 150.0], carries);
-            assert_eq!(found, Some(goes), "{carries}");
-            assert!(fed_m <= STAYS_M + 0.04 * SPEED_M_S, "{fed_m}");
-            assert_eq!(jog.refuses(&setup, &acquisition(9), [302.0, 152.0]), !goes);
-            assert!(!jog.refuses(&setup, &acquisition(9), [320.0, 150.0]), "another thing");
-            let aside = Pose::translation(0.0, 4e-3, 0.0);
-            let aside = Acquisition { base_from_probe: aside, ..acquisition(9) };
-            assert!(!jog.refuses(&setup, &aside, [302.0, 152.0]), "another plane");
+        for (carries, goes) in [(1.0, true), (0.7, true), (0.3, false), (0.0, false), (-0.5, false)] {
+            for delays in [[0, 0], [1, 4], [5, 5]] {
+                let mut jog = Jog::default();
+                let (way_m, found) = test(&mut jog, &setup, Case { carries, delays, ..CASE });
+                assert_eq!(found, Some(goes), "{carries}, {delays:?}");
+                let late_m = PERIOD_S * SPEED_M_S * (delays[0] + delays[1]) as f64;
+                assert!(way_m <= STAYS_M + late_m + PERIOD_S * SPEED_M_S + 1e-9, "{way_m}");
+                assert_eq!(jog.refuses(&setup, &acquisition(9), [302.0, 152.0]), !goes);
+                assert!(!jog.refuses(&setup, &acquisition(9), [320.0, 150.0]), "another thing");
+                let aside = Pose::translation(0.0, 4e-3, 0.0);
+                let aside = Acquisition { base_from_probe: aside, ..acquisition(9) };
+                assert!(!jog.refuses(&setup, &aside, [302.0, 152.0]), "another plane");
+            }
         }
     }
 
     #[test]
     fn all_tests_of_a_search_together_keep_their_bound() {
         let setup = setup(View::Lateral);
-        let mut jog = Jog::default();
-        let ways = (0..20).map(|i| test(&mut jog, &setup, [100.0 + 20.0 * f64::from(i), 100.0], 0.0));
-        let ways: Vec<_> = ways.collect();
-        let sum_m: f64 = ways.iter().map(|(way_m, _)| way_m).sum();
-        assert!(sum_m <= setup.servo.max_jog_m + 0.04 * SPEED_M_S, "{sum_m}");
-        assert_eq!(ways.last(), Some(&(0.0, None)), "nothing is believed any more");
+        for delays in [[0, 0], [0, 5]] {
+            let mut jog = Jog::default();
+            let decoys = (0..20).map(|i| Case { px: [100.0 + 20.0 * f64::from(i), 100.0], ..CASE });
+            let ways: Vec<_> =
+                decoys.map(|case| test(&mut jog, &setup, Case { carries: 0.0, delays, ..case })).collect();
+            let sum_m: f64 = ways.iter().map(|(way_m, _)| way_m).sum();
+            let late_m = PERIOD_S * SPEED_M_S * (1 + delays[1]) as f64;
+            assert!(sum_m <= setup.servo.max_jog_m + late_m, "{sum_m}");
+            assert_eq!(ways.last(), Some(&(0.0, None)), "nothing is believed any more");
+        }
     }
 
     #[test]
-    fn just_before_the_target_there_is_no_test() {
+    fn the_needle_is_not_fed_past_its_target() {
+        let setup = setup(View::Lateral);
+        for delays in [[0, 0], [0, 4]] {
+            let case = Case { carries: 0.0, remaining_m: 1.0e-3, delays, ..CASE };
+            let (way_m, found) = test(&mut Jog::default(), &setup, case);
+            assert!(found != Some(true) && way_m <= 1.0e-3, "{way_m}");
+        }
+    }
+
+    #[test]
+    fn just_before_the_target_the_depth_decides() {
         let setup = setup(View::Lateral);
         let target_px = setup.geometry.px_from_probe(&setup.target_in_base);
+        let before = Case { px: [target_px[0], target_px[1] - 4.0], remaining_m: 0.5e-3, ..CASE };
+        assert_eq!(test(&mut Jog::default(), &setup, before), (0.0, Some(true)));
+        let elsewhere = Case { px: [target_px[0], target_px[1] - 40.0], ..before };
+        assert_eq!(test(&mut Jog::default(), &setup, elsewhere), (0.0, None));
+        // Beyond the target, while the needle is well before it: tested as any other.
+        let beyond = Case { px: [target_px[0], target_px[1] + 40.0], carries: 0.0, ..CASE };
+        assert_eq!(test(&mut Jog::default(), &setup, beyond).1, Some(false));
+    }
+
+    #[test]
+    fn before_a_needle_that_is_blocked_nothing_is_told() {
+        let setup = setup(View::Lateral);
+        let case = Case { blocked: true, ..CASE };
+        assert_eq!(test(&mut Jog::default(), &setup, case), (0.0, Some(true)));
+    }
+
+    #[test]
+    fn another_candidate_begins_another_test() {
+        let setup = setup(View::Lateral);
         let mut jog = Jog::default();
-        assert_eq!(test(&mut jog, &setup, [target_px[0], target_px[1] - 4.0], 0.0), (0.0, Some(true)));
+        let mut look = |k: u64, depth_m: f64, px: [f64; 2]| {
+            let shown = Acquisition { depth_m: Some(depth_m), feed_m_s: Some(0.0), ..acquisition(k) };
+            let seen =
+                Seen { setup: &setup, acquisition: &shown, time_s: PERIOD_S * k as f64, remaining_m: 20e-3 };
+            let (feed_m_s, given_up) = jog.advance(&seen, Some(px));
+            assert!(!given_up);
+            (feed_m_s > 0.0, jog.goes())
+        };
+        assert_eq!(look(0, 20.0e-3, [300.0, 150.0]), (true, false));
+        assert_eq!(look(1, 20.4e-3, [302.4, 153.2]), (true, true));
+        // Neither where it was nor where it should be.
+        assert_eq!(look(2, 20.6e-3, [340.0, 150.0]), (false, false));
+        assert_eq!(look(3, 20.6e-3, [340.0, 150.0]), (true, false));
+        assert_eq!(look(4, 21.0e-3, [342.4, 153.2]), (true, true));
     }
 
     #[test]
