@@ -674,6 +674,7 @@ fn bad_overrides_are_told_with_their_origin() {
         ("servo.confirm_s=0", &["servo.confirm_s = 0", "at least 0.04", "from --set"]),
         ("servo.crest_levels=0", &["servo.crest_levels = 0", "at least 1", "from --set"]),
         ("servo.candidate_reach_mm=101", &["servo.candidate_reach_mm = 101", "at most 100", "from --set"]),
+        ("servo.max_jog_mm=0.5", &["servo.max_jog_mm = 0.5", "must be 0, or at least 1", "from --set"]),
         (
             "servo.max_search_force_n=9",
             &["servo.max_search_force_n = 9", "max_contact_force_n = 8", "from --set"],
