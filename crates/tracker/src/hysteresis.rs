@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     /// One image as the tracker goes through it.
-    fn step(state: &mut Hysteresis, settings: &TrackerSettings, view: &View) {
+    fn step(state: &mut Hysteresis, settings: &TrackerSettings, view: &View, confirmation: Confirmation) {
         if state.state() == TrackState::Tracking {
             match state.loss(settings, view) {
                 Some(_) => state.lost(),
@@ -139,7 +139,7 @@ mod tests {
             }
         } else if Hysteresis::accepts(settings, view) {
             let same = state.state() == TrackState::Recovering;
-            if state.candidate(settings, same, Confirmation::Confirms) {
+            if state.candidate(settings, same, confirmation) {
                 *state = Hysteresis::recovered();
             }
         } else {
@@ -156,6 +156,10 @@ mod tests {
             presence: Some(1.0),
             level: 100.0,
         }
+    }
+
+    fn any_confirmation() -> impl Strategy<Value = Confirmation> {
+        prop_oneof![Just(Confirmation::Confirms), Just(Confirmation::Counts), Just(Confirmation::Held)]
     }
 
     fn any_view() -> impl Strategy<Value = View> {
@@ -194,22 +198,29 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// Under any settings a tip that was lost is believed only after the images that were asked for, each accepted and
+        /// Under any settings a tip that was lost is believed after just the images that were asked for, each accepted and
         /// one after the other.
         #[test]
         fn nothing_is_tracked_again_before_it_is_confirmed(
             settings in any_settings(),
-            views in prop::collection::vec(any_view(), 1..60),
+            views in prop::collection::vec((any_view(), any_confirmation()), 1..60),
         ) {
             let mut state = Hysteresis::new(TrackState::Tracking);
-            let mut accepted_in_a_row = 0;
-            for view in &views {
+            let mut counted_in_a_row = 0;
+            for (view, confirmation) in &views {
                 let before = state.state();
-                step(&mut state, &settings, view);
+                step(&mut state, &settings, view, *confirmation);
                 let accepted = before != TrackState::Tracking && Hysteresis::accepts(&settings, view);
-                accepted_in_a_row = if accepted { accepted_in_a_row + 1 } else { 0 };
-                if before != TrackState::Tracking && state.state() == TrackState::Tracking {
-                    prop_assert!(accepted_in_a_row >= settings.confirmation_images);
+                counted_in_a_row = match confirmation {
+                    _ if !accepted => 0,
+                    Confirmation::Held => counted_in_a_row,
+                    Confirmation::Counts | Confirmation::Confirms => counted_in_a_row + 1,
+                };
+                if before != TrackState::Tracking {
+                    let enough = accepted
+                        && *confirmation == Confirmation::Confirms
+                        && counted_in_a_row >= settings.confirmation_images;
+                    prop_assert_eq!(state.state() == TrackState::Tracking, enough);
                 }
             }
         }
@@ -225,7 +236,7 @@ mod tests {
             let mut state = Hysteresis::new(Tracking);
             let mut states = vec![state.state()];
             for &(previous, anchor) in &nccs {
-                step(&mut state, &settings, &view(previous, anchor));
+                step(&mut state, &settings, &view(previous, anchor), Confirmation::Confirms);
                 states.push(state.state());
             }
             prop_assert!(!states.windows(4).any(|four| four == [Tracking, Lost, Tracking, Lost]), "{states:?}");
@@ -246,7 +257,7 @@ mod tests {
             let mut losses = 0;
             for _ in 0..40 {
                 let before = state.state();
-                step(&mut state, &settings, &seen);
+                step(&mut state, &settings, &seen, Confirmation::Confirms);
                 losses += u32::from(before == TrackState::Tracking && state.state() == TrackState::Lost);
                 let found = before != TrackState::Tracking && state.state() == TrackState::Tracking;
                 if found && settings.update != UpdateStrategy::None {
