@@ -35,6 +35,7 @@ struct Scored {
 }
 
 /// What is known of the lost tip beside its looks.
+#[derive(Clone, Copy)]
 struct Sought {
     median: Option<f64>,
     /// Where it should be, from its last place and the measured motion.
@@ -72,10 +73,13 @@ impl Tracker {
         let sought = Sought { median, centre_px, axis_px: context.axis_px };
         let mut iterations = 0;
 
-        // A candidate that is still where it was needs no search.
+        // A candidate that is still where it was needs no search. Once the plane stands it has passed for no bead of the shaft in
+        // the same view, and is not asked again: as the needle moves, every image has other speckle ahead of it.
         let mut best = None;
         if let Some(expected_px) = expected_px {
-            let again = self.score(image, &sought, expected_px, &mut iterations);
+            let moving = context.confirmation == Confirmation::Held;
+            let there = Sought { axis_px: sought.axis_px.filter(|_| moving), ..sought };
+            let again = self.score(image, &there, expected_px, &mut iterations);
             best = again.filter(|s| s.accepted && distance(s.at_px, expected_px) <= SAME_CANDIDATE_PX);
         }
         let same = best.is_some();
