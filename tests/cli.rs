@@ -240,7 +240,8 @@ fn a_run_in_real_time_waits_for_no_tracker_and_tells_how_stale_its_commands_were
         assert_eq!((&summary["realtime"], &summary["end"]), (&true.into(), &"time_over".into()));
         assert_eq!(summary["metrics"]["images"], 25);
         let timing = &summary["timing"];
-        assert!(timing["wall_s"].as_f64().is_some_and(|wall_s| wall_s >= 0.999), "{timing}");
+        // The last tick is due 0.999 s after the first one; how long the run took is counted from a moment later.
+        assert!(timing["wall_s"].as_f64().is_some_and(|wall_s| wall_s >= 0.9), "{timing}");
         for key in ["staleness_ms_p50", "staleness_ms_max", "images_without_answer", "behind_ms_max"] {
             assert!(timing[key].is_number(), "{key}: {timing}");
         }
