@@ -1,10 +1,21 @@
 //! How fast the needle goes in.
 
-use sonoloop_types::{Point, ServoSettings, Setup};
+use sonoloop_types::{Acquisition, Point, ServoSettings, Setup};
 
 /// Distance along the nominal needle axis from the tip (as seen, base frame) to the target, metres.
 pub fn remaining_m(setup: &Setup, tip_in_base: &Point) -> f64 {
     (setup.target_in_base - tip_in_base).dot(&setup.needle_axis_in_base)
+}
+
+/// How long before its publication a picture was taken, seconds.
+pub fn age_s(setup: &Setup, acquisition: &Acquisition) -> f64 {
+    acquisition.publication_tick.saturating_sub(acquisition.acquisition_tick) as f64
+        / f64::from(setup.tick_rate_hz)
+}
+
+/// What the needle went since a picture was taken, metres; nothing in a hand, whose feed is not measured.
+pub fn travelled_since_m(setup: &Setup, acquisition: &Acquisition) -> f64 {
+    acquisition.feed_m_s.unwrap_or(0.0) * age_s(setup, acquisition)
 }
 
 /// True when the tip as seen stands at the target.

@@ -168,9 +168,8 @@ impl Block {
 
     fn push_bin(&mut self, shear: &Shear, e_m: f64, widest_m: f64, profile: &Profile) {
         let Profile { decay, peak, reach_m, drift_m, .. } = profile;
-        let [lo, hi] = shear.rows_within(e_m, shear.elevation_slope, widest_m).map(|row| row as usize);
-        let (lo, hi, e) =
-            (lo / STRIDE * STRIDE, if lo < hi { hi.next_multiple_of(STRIDE) } else { 0 }, e_m as f32);
+        let [lo, hi] = shear.strides_within(e_m, shear.elevation_slope, widest_m).map(|row| row as usize);
+        let e = e_m as f32;
         let inside = |row: usize| (e + drift_m[row]).abs() <= reach_m[row];
         // Looked at where a stride begins and ends: one that is crossed between them has e of both signs.
         let counts = |row: usize| {

@@ -132,7 +132,6 @@ wide! {
         let (e, x, depth) = (row(&shear.e), row(&shear.x), row(&shear.top_row));
         let (first_line_m, lines_per_m) = (shear.first_line_m, 1.0 / shear.line_pitch_m);
         let per_row = tape.sub_delays as f64;
-        let stride = STRIDE as i64;
         for (i, bin) in bin.iter_mut().enumerate() {
             *bin = elevation.bin(at(e, i));
         }
@@ -143,8 +142,7 @@ wide! {
             *top = nearest(at(depth, i) * per_row);
         }
         for (i, (lo, hi)) in lo.iter_mut().zip(hi).enumerate() {
-            let [first, end] = shear.rows_within(at(x, i), shear.lateral_slope, shear.reach_m);
-            (*lo, *hi) = (first & -stride, if first < end { (end + stride - 1) & -stride } else { 0 });
+            [*lo, *hi] = shear.strides_within(at(x, i), shear.lateral_slope, shear.reach_m);
         }
     }
 }

@@ -199,9 +199,9 @@ impl Shear {
         first..=last
     }
 
-    /// Rows `lo..hi` in which |at_zero + slope·z| ≤ bound; none where `lo` is not below `hi`.
+    /// Rows `lo..hi` of the whole strides in which |at_zero + slope·z| ≤ bound somewhere; none where `lo` is not below `hi`.
     #[inline(always)]
-    pub fn rows_within(&self, at_zero_m: f64, slope: f64, bound_m: f64) -> [i64; 2] {
+    pub fn strides_within(&self, at_zero_m: f64, slope: f64, bound_m: f64) -> [i64; 2] {
         let rows = self.rows as f64;
         let per_row = slope * self.row_step_m;
         if per_row.abs() < 1e-12 {
@@ -214,6 +214,8 @@ impl Shear {
             let row = if row > 0.0 { row } else { 0.0 };
             if row < rows { row } else { rows }
         };
-        [-floor_side_by_side(-within(low)), floor_side_by_side(within(high + 1.0))]
+        let [first, end] = [-floor_side_by_side(-within(low)), floor_side_by_side(within(high + 1.0))];
+        let stride = STRIDE as i64;
+        [first & -stride, if first < end { (end + stride - 1) & -stride } else { 0 }]
     }
 }

@@ -162,7 +162,7 @@ impl Jog {
 
     /// Whether all that tests may feed is spent, or on its way.
     fn spent(&self, seen: &Seen) -> bool {
-        self.spent_m + under_way_m(seen.setup, seen.acquisition) >= seen.setup.servo.max_jog_m
+        self.spent_m + feed::travelled_since_m(seen.setup, seen.acquisition) >= seen.setup.servo.max_jog_m
     }
 
     fn feed_m_s(&self, seen: &Seen) -> f64 {
@@ -170,25 +170,15 @@ impl Jog {
             return 0.0;
         }
         let Seen { setup, acquisition, remaining_m, .. } = *seen;
-        let since_m = under_way_m(setup, acquisition);
+        let since_m = feed::travelled_since_m(setup, acquisition);
         feed::feed_m_s(setup, remaining_m, since_m, acquisition.depth_m).min(SPEED_M_S)
     }
-}
-
-/// What the needle went since the picture was taken.
-fn under_way_m(setup: &Setup, acquisition: &Acquisition) -> f64 {
-    acquisition.feed_m_s.unwrap_or(0.0) * age_s(setup, acquisition)
-}
-
-fn age_s(setup: &Setup, acquisition: &Acquisition) -> f64 {
-    acquisition.publication_tick.saturating_sub(acquisition.acquisition_tick) as f64
-        / f64::from(setup.tick_rate_hz)
 }
 
 /// The longest that a test may take.
 fn patience_s(seen: &Seen) -> f64 {
     let speed_m_s = SPEED_M_S.min(seen.setup.servo.feed_m_s);
-    PATIENCE * (STAYS_M / speed_m_s + age_s(seen.setup, seen.acquisition)) + PATIENCE_S
+    PATIENCE * (STAYS_M / speed_m_s + feed::age_s(seen.setup, seen.acquisition)) + PATIENCE_S
 }
 
 /// Compares how a candidate moved with what the needle's way and the probe's would have made of it.

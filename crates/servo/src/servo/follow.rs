@@ -63,9 +63,7 @@ impl Servo {
         self.state.held = Some(held);
 
         let remaining_m = self.remaining_m(acquisition, &tip_in_probe);
-        let age_s = acquisition.publication_tick.saturating_sub(acquisition.acquisition_tick) as f64
-            / f64::from(self.setup.tick_rate_hz);
-        let since_m = acquisition.feed_m_s.unwrap_or(0.0) * age_s;
+        let since_m = feed::travelled_since_m(&self.setup, acquisition);
         if feed::arrived(&settings, remaining_m - since_m) {
             self.state.mode = Mode::Arrived;
             return (Some(held), 0.0);
