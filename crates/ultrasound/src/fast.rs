@@ -42,7 +42,8 @@ pub fn turn(turns: f32) -> [f32; 2] {
     [1.0 - 2.0 * sin * sin, 2.0 * sin * cos]
 }
 
-/// Largest whole number at or below `v`, for |v| below 2⁴⁰. SSE2 has no rounding, and a call per column tells.
+/// Largest whole number at or below `v`, for |v| below 2⁴⁰; within 2⁻¹³ of the next one it may be that. SSE2 has no rounding, and a
+/// call per column tells.
 #[inline(always)]
 pub fn floor(v: f64) -> i64 {
     const OFFSET: i64 = 1 << 40;
@@ -57,7 +58,8 @@ pub fn nearest(v: f64) -> i64 {
     (v + WHOLE).to_bits() as i64 - WHOLE.to_bits() as i64
 }
 
-/// [`floor`] for |v| below 2⁵¹, as loops over it vectorise.
+/// Largest whole number at or below `v`, for |v| below 2⁵¹: exact, and loops over it vectorise; by itself it takes twice [`floor`]'s
+/// instructions.
 #[inline(always)]
 pub fn floor_side_by_side(v: f64) -> i64 {
     const WHOLE: f64 = 6_755_399_441_055_744.0;
