@@ -26,9 +26,9 @@ const CELL_M: f64 = 0.1e-3;
 const HALF_CELLS: usize = 40;
 const CELLS: usize = 2 * HALF_CELLS + 1;
 /// Hypotheses of the shaft's level below the tip's, grey levels.
-const CONTRASTS: [f64; 3] = [0.0, 14.0, 28.0];
+const CONTRASTS: [f64; 3] = [0.0, 35.0, 70.0];
 /// The floor's level below the tip's: what the tracker makes of plain speckle.
-const FLOOR_BELOW: f64 = 40.0;
+const FLOOR_BELOW: f64 = 105.0;
 /// h: the shaft's end lies this many σ ahead of the tip's echo.
 const END_AHEAD: f64 = 0.8;
 /// Share of images in which something has happened that no model foresees: the probe has slipped.
@@ -45,7 +45,7 @@ const LEAST_CONFIDENCE: f64 = 0.5;
 const OTHER_SIDE: f64 = 0.05;
 /// What the tip's level may change from image to image, grey levels, standard deviation. A tip brightens and dims by two a picture
 /// where beam and pulse change with depth, in front of the lens's focus.
-const LEVEL_WALK: f64 = 0.6;
+const LEVEL_WALK: f64 = 1.2;
 
 /// Where the tip is thought to be, in the coordinate of the plane along the probe's y.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

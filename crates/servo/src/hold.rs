@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 /// known here; a wrong one only scales the loop's gain.
 pub(crate) const GREY_PER_NEPER: f64 = 8.686 * 255.0 / 60.0;
 /// Fewest samples for a fit.
-const LEAST_SAMPLES: usize = 12;
+pub(crate) const LEAST_SAMPLES: usize = 10;
 
 /// One picture's level and where the probe stood.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -17,6 +17,9 @@ const CONTACT_SHARE: f64 = 0.2;
 /// Below this the force at the start is noise (a liquid bears no probe), and contact cannot be judged by it.
 const LEAST_CONTACT_N: f64 = 0.2;
 
+/// How long a hand may go on pushing after it was told to stop. [assumed]
+const HAND_REACTION_S: f64 = 1.0;
+
 /// What the servo is doing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Mode {
@@ -178,6 +181,9 @@ impl Servo {
         let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
         let shaft_below = self.least_tip_level(2.0);
         let lateral = self.setup.view == View::Lateral;
+        let ahead = acquisition.base_from_probe.inverse() * self.setup.needle_axis_in_base;
+        let by_hand = lateral && acquisition.depth_m.is_none();
+        let unmeasured_m = if by_hand { HAND_REACTION_S * self.setup.servo.feed_m_s } else { 0.0 };
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
@@ -185,8 +191,10 @@ impl Servo {
                 let measured = offset_from(&held, &acquisition.base_from_probe, &lost_tip);
                 let recovering = estimate.tip_px.filter(|_| estimate.state == TrackState::Recovering);
                 let candidate_px = recovering.filter(|&px| {
-                    let off_m = (self.setup.geometry.probe_from_px(px) - lost_tip).norm();
-                    off_m < settings.candidate_reach_m
+                    let off = self.setup.geometry.probe_from_px(px) - lost_tip;
+                    // As far from where the tip was, or from the way that it has gone on unmeasured.
+                    let gone_on_m = off.dot(&ahead).clamp(0.0, unmeasured_m);
+                    (off - ahead * gone_on_m).norm() < settings.candidate_reach_m
                         // Behind the tip every plane cuts the shaft: what is dimmer is no candidate there.
                         && shaft_below
                             .is_none_or(|least| estimate.tip_level.is_some_and(|level| level >= least))

@@ -29,6 +29,9 @@ const DAMPING: f64 = 1e-6;
 /// 34 of 792 images and was 0.5 px off; approached like this, in none and 0.08 px.
 pub(crate) const NEAR_PX: f64 = 1.0;
 
+/// A tip's brightest spot lies this near to where it is found: its echo comes from the facet behind it.
+const SPOT_PX: f64 = 3.0;
+
 /// Where a registration ended.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Registration {
@@ -110,6 +113,25 @@ impl Registrar {
         self.weights.cut(inside);
         self.sampled = *place;
         if 2 * inside.count() < window.side * window.side { Err(Reason::OutOfImage) } else { Ok(()) }
+    }
+
+    /// The highest grey level within [`SPOT_PX`] of the middle of the last patch.
+    pub fn peak_level(&self) -> f64 {
+        let Window { side, .. } = self.window;
+        let half = self.window.half_px();
+        let spot = (half - SPOT_PX).max(0.0).ceil() as usize..(half + SPOT_PX) as usize + 1;
+        let mut peak = 0.0_f32;
+        for y in spot.start..spot.end.min(side) {
+            let row = &self.patch[(y + 1) * self.window.padded_stride() + 1..][..side];
+            let weights = &self.weights.values()[y * self.window.stride()..][..side];
+            for (&level, &weight) in row.iter().zip(weights).take(spot.end).skip(spot.start) {
+                // Beyond the picture's edge there is none.
+                if weight > 0.0 && level > peak {
+                    peak = level;
+                }
+            }
+        }
+        f64::from(peak)
     }
 
     /// Finds `template` in `region`, from `start` on; `change` is Δ, how much brighter the image has become.

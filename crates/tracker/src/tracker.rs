@@ -418,6 +418,7 @@ impl Tracker {
     /// Compares the image at a placement with T_1, and at the same place with T_n, whose patch the registrar then holds.
     pub(crate) fn view_at(&mut self, place: &Placement, median: Option<f64>) -> Result<View, Reason> {
         self.registrar.sample(&self.region, place)?;
+        let level = self.registrar.peak_level();
         let anchor = self.moments(&self.anchor.padded);
         let linear = self.previous_linear();
         if linear != place.linear {
@@ -431,7 +432,7 @@ impl Tracker {
             ncc_anchor: anchor.and_then(|m| m.ncc()),
             brightness_ratio: anchor.and_then(|m| m.brightness_ratio(change, ground(&m))),
             presence: anchor.and_then(|m| m.presence()),
-            level: anchor.map_or(0.0, |m| m.mean_a),
+            level,
         })
     }
 

@@ -70,7 +70,7 @@ pub struct Estimate {
     /// rms of the difference to T_1 over the contrast of T_1 (weighted), more contrast than T_1 forgiven; 0 = same,
     /// ≥ 0.8 = gone.
     pub brightness_ratio: Option<f64>,
-    /// Weighted mean grey level at the tip, 0…255; falls with the distance to the plane.
+    /// Grey level of the brightest spot at the tip, blurred as the template is, 0…255; falls with the distance to the plane.
     pub tip_level: Option<f64>,
     /// Iterations of the optimiser, summed over its runs in this image.
     pub iterations: u32,

@@ -259,7 +259,8 @@ pub(crate) struct RawServo {
     /// A candidate has passed its brightest when it fell by this many grey levels.
     #[garde(range(min = 1.0, max = 200.0))]
     pub crest_levels: f64,
-    /// A candidate farther than this from the last tip, in the picture, does not steer the search.
+    /// A candidate farther than this from the last tip, in the picture, does not steer the search; in a hand, which pushes on for up to
+    /// a second, farther than this from that way.
     #[garde(range(min = 0.0, max = 100.0))]
     pub candidate_reach_mm: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way
@@ -300,7 +301,7 @@ impl Default for RawServo {
             lateral_deadband_mm: 10.0,
             slide_gain: 5.0,
             slide_speed_mm_s: 12.0,
-            elevation_gain: 3.0,
+            elevation_gain: 2.0,
             along_gain: 4.0,
             along_walk_mm: 0.03,
             tip_size_mm: 0.35,
@@ -311,7 +312,7 @@ impl Default for RawServo {
             search: RawSearchPattern::ElevationThenYaw,
             look_s: 0.2,
             confirm_s: 0.8,
-            crest_levels: 8.0,
+            crest_levels: 18.0,
             candidate_reach_mm: 6.0,
             max_jog_mm: 4.0,
             sweep_speed_mm_s: 5.0,

@@ -4,6 +4,7 @@ use sonoloop_types::{Acquisition, Estimate, Point, Pose, View};
 
 use super::{FirstFix, Mode, Servo, displaced, offset_from};
 use crate::search::Offset;
+use crate::hold::LEAST_SAMPLES;
 use crate::{along, feed, slide};
 
 /// Share of an image in the smoothed level of the tip.
@@ -93,7 +94,9 @@ impl Servo {
     ) -> f64 {
         let settings = &self.setup.servo;
         if let Some(level) = estimate.tip_level {
-            let window_s = 2.0 * settings.dither_period_s;
+            // Whole periods of the dither, as few as tell anything: what is older is late.
+            let least_s = LEAST_SAMPLES as f64 * dt_s;
+            let window_s = settings.dither_period_s * (least_s / settings.dither_period_s).ceil();
             self.state.hold.push(time_s, self.state.corrected_m + measured_m, level, window_s);
         }
         let feeding = self.state.last_feed_m_s > 0.0;
