@@ -82,6 +82,30 @@ impl Moments {
     }
 }
 
+/// Copies the weights to `dimmer`, with zero where the padded patch a is brighter than b by more than `levels`. Returns the share of
+/// all weight that is left.
+pub(crate) fn keep_dimmer(
+    window: Window,
+    weights: &[f32],
+    a: &[f32],
+    b: &[f32],
+    levels: f32,
+    dimmer: &mut [f32],
+) -> f64 {
+    let (mut all, mut left) = (0.0, 0.0);
+    for y in 0..window.side {
+        let row = y * window.stride()..y * window.stride() + window.side;
+        let padded = (y + 1) * window.padded_stride() + 1;
+        let pixels = weights[row.clone()].iter().zip(&mut dimmer[row]);
+        for ((&weight, dimmer), (a, b)) in pixels.zip(a[padded..].iter().zip(&b[padded..])) {
+            *dimmer = if weight > 0.0 && a - b > levels { 0.0 } else { weight };
+            all += f64::from(weight);
+            left += f64::from(*dimmer);
+        }
+    }
+    if all > 0.0 { left / all } else { 0.0 }
+}
+
 wide! {
     /// Σ w·[1, a, b].
     fn sums(window: Window, part: Part, weights: &[f32], a: &[f32], b: &[f32]) -> [f64; 3] {

@@ -67,6 +67,8 @@ pub(crate) struct Registrar {
     pub patch: Vec<f32>,
     /// Where that was.
     pub sampled: Placement,
+    /// Weights of what is not far brighter than a template.
+    pub dimmer: Vec<f32>,
     adapted: Vec<f32>,
     adapted_u: Vec<f32>,
     adapted_v: Vec<f32>,
@@ -98,6 +100,7 @@ impl Registrar {
             weights: Weights::new(window.side, weight_sigma_px),
             patch: vec![0.0; window.padded_len()],
             sampled: Placement::at([0.0; 2]),
+            dimmer: vec![0.0; window.len()],
             adapted: vec![0.0; window.padded_len()],
             adapted_u: vec![0.0; window.len()],
             adapted_v: vec![0.0; window.len()],

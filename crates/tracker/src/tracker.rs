@@ -8,7 +8,7 @@ use crate::gaussian::blur_taps;
 use crate::grey::lit_median;
 use crate::guess::Guesser;
 use crate::hysteresis::{Hysteresis, View};
-use crate::likeness::Moments;
+use crate::likeness::{self, Moments};
 use crate::pyramid::Pyramid;
 use crate::refine::Refinement;
 use crate::region::Region;
@@ -28,6 +28,11 @@ const AROUND_PX: usize = 3;
 const MAX_STRETCH: f64 = 1.5;
 /// How far a registration may wander at first, in pixels.
 const SHORT_JUMP_PX: usize = 6;
+
+/// What is brighter than the template by more grey levels than this has come into the tip's surroundings …
+const BRIGHT_LEVELS: f32 = 40.0;
+/// … and this share of the window, by weight, must be left to tell the tip by.
+const LEAST_DIMMER: f64 = 0.65;
 
 /// What is known about an image beside its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -249,7 +254,9 @@ impl Tracker {
             Ok(view) => view,
             Err(reason) => return self.declare_lost(reason, motion_px, None, iterations),
         };
-        if let Some(reason) = self.belief.state.loss(&self.settings, &view) {
+        if let Some(reason) = self.belief.state.loss(&self.settings, &view)
+            && !self.is_there_beside_brightness(&found.place, median)
+        {
             let estimate = self.declare_lost(reason, motion_px, Some(view), iterations);
             return Estimate { conditioning: Some(found.conditioning), ..estimate };
         }
@@ -434,6 +441,40 @@ impl Tracker {
             presence: anchor.and_then(|m| m.presence()),
             level,
         })
+    }
+
+    /// Whether the place passes the tests of a recovery where only what has not become far brighter counts: a bone's surface, or a
+    /// wall, comes into the tip's surroundings and takes nothing away from it. A tip that goes leaves what is *darker*.
+    fn is_there_beside_brightness(&mut self, place: &Placement, median: Option<f64>) -> bool {
+        if self.settings.profile == Profile::Paper {
+            return false;
+        }
+        let Ok(view) = self.view_at(place, median) else { return false };
+        let changes = [&self.anchor, &self.previous].map(|template| self.change(template, median));
+        let Registrar { instructions, window, weights, patch, dimmer, .. } = &mut self.registrar;
+        let [anchor, previous] =
+            [(&self.anchor, changes[0]), (&self.previous, changes[1])].map(|(template, change)| {
+                let share = likeness::keep_dimmer(
+                    *window,
+                    weights.values(),
+                    patch,
+                    &template.padded,
+                    change + BRIGHT_LEVELS,
+                    dimmer,
+                );
+                (share >= LEAST_DIMMER)
+                    .then(|| Moments::of(*instructions, *window, weights.part, dimmer, patch, &template.padded))
+                    .flatten()
+            });
+        let ground = |m: &Moments| self.anchor.median.unwrap_or(m.mean_b);
+        let view = View {
+            ncc_previous: previous.and_then(|m| m.ncc()),
+            ncc_anchor: anchor.and_then(|m| m.ncc()),
+            brightness_ratio: anchor.and_then(|m| m.brightness_ratio(f64::from(changes[0]), ground(&m))),
+            presence: anchor.and_then(|m| m.presence()),
+            ..view
+        };
+        Hysteresis::accepts(&self.settings, &view)
     }
 
     /// The registrar's patch beside a template.
