@@ -25,9 +25,10 @@ const CELL_M: f64 = 0.1e-3;
 /// Cells to either side of the middle: a slip farther than that is a loss, and a search's affair.
 const HALF_CELLS: usize = 40;
 const CELLS: usize = 2 * HALF_CELLS + 1;
-/// Hypotheses of the shaft's level below the tip's, grey levels.
+/// Hypotheses of the shaft's level below the tip's, grey levels. Rendered cross-sections 15, 22 and 30 mm deep, in gelatin-agar and
+/// agar, have 60 to 75. [measured]
 const CONTRASTS: [f64; 3] = [0.0, 35.0, 70.0];
-/// The floor's level below the tip's: what the tracker makes of plain speckle.
+/// The floor's level below the tip's, the brightest speckle about the spot; 95 to 115 in the same pictures. [measured]
 const FLOOR_BELOW: f64 = 105.0;
 /// h: the shaft's end lies this many σ ahead of the tip's echo.
 const END_AHEAD: f64 = 0.8;
@@ -43,7 +44,7 @@ const PEAK_HALF_CELLS: usize = 4;
 const LEAST_CONFIDENCE: f64 = 0.5;
 /// Share of the belief on the other side up to which a plane may set out without a peak to go to.
 const OTHER_SIDE: f64 = 0.05;
-/// What the tip's level may change from image to image, grey levels, standard deviation. A tip brightens and dims by two a picture
+/// What the tip's level may change from image to image, grey levels, standard deviation. A tip brightens and dims by a few a picture
 /// where beam and pulse change with depth, in front of the lens's focus.
 const LEVEL_WALK: f64 = 1.2;
 
@@ -314,11 +315,11 @@ mod tests {
     #[test]
     fn truth_profile_at_its_limits() {
         // Far behind: the shaft; far ahead: the floor.
-        for contrast in [14.0, 28.0] {
+        for contrast in [35.0, 70.0] {
             let tip = raw_profile(0.0, contrast);
             let shaft = 0.5
                 * GREY_PER_NEPER
-                * libm::log(libm::exp(-2.0 * contrast / GREY_PER_NEPER) + libm::exp(-80.0 / GREY_PER_NEPER));
+                * libm::log(libm::exp(-2.0 * contrast / GREY_PER_NEPER) + libm::exp(-210.0 / GREY_PER_NEPER));
             assert!((profile(-9.0, contrast) + tip - shaft).abs() < 1e-9);
             assert!((profile(9.0, contrast) + tip + FLOOR_BELOW).abs() < 1e-9);
             assert_eq!(profile(0.0, contrast), 0.0);
@@ -380,7 +381,7 @@ mod tests {
 
     #[test]
     fn a_tip_that_strays_from_its_depth_is_followed_whatever_its_contrast() {
-        for contrast in [0.0, 7.0, 20.0, 30.0] {
+        for contrast in [0.0, 15.0, 50.0, 70.0] {
             for drift_m in [-5e-6, 0.0, 5e-6] {
                 let rms_m = follow(contrast, drift_m, 0.0);
                 assert!(rms_m < 0.35e-3, "contrast {contrast}, drift {drift_m}: {rms_m}");
@@ -390,9 +391,9 @@ mod tests {
 
     #[test]
     fn after_a_slip_onto_the_shaft_the_plane_goes_to_the_tip() {
-        // Steel on this scanner: 28. A shaft that is hardly dimmer than the tip does not tell: with 7 grey levels, near their
+        // Steel on this scanner: 65 to 75. A shaft that is hardly dimmer than the tip does not tell: with 7 grey levels, near their
         // scatter, the plane stays behind, and the tip is taken for dimmed.
-        for contrast in [14.0, 20.0, 28.0, 34.0] {
+        for contrast in [35.0, 50.0, 70.0, 85.0] {
             let rms_m = follow(contrast, 0.0, 1.5e-3);
             assert!(rms_m < 0.35e-3, "contrast {contrast}: {rms_m}");
         }
@@ -431,7 +432,7 @@ mod tests {
         for slip_m in [-0.6e-3, 0.6e-3] {
             let mut along = Along::default();
             let observe = |along: &mut Along, plane_m: f64, tip_m: f64| {
-                let level = 120.0 + profile((plane_m - tip_m) / 0.46e-3, 28.0);
+                let level = 120.0 + profile((plane_m - tip_m) / 0.46e-3, 70.0);
                 along.observe(&settings, plane_m, level, 0.3e-3, settings.along_walk_m);
             };
             for k in 0..40 {

@@ -463,7 +463,9 @@ impl Tracker {
                     dimmer,
                 );
                 (share >= LEAST_DIMMER)
-                    .then(|| Moments::of(*instructions, *window, weights.part, dimmer, patch, &template.padded))
+                    .then(|| {
+                        Moments::of(*instructions, *window, weights.part, dimmer, patch, &template.padded)
+                    })
                     .flatten()
             });
         let ground = |m: &Moments| self.anchor.median.unwrap_or(m.mean_b);
@@ -638,5 +640,46 @@ mod tests {
                 assert_eq!(kept, keeps, "refine {refine}, tolerance {drift_tolerance_px}");
             }
         }
+    }
+
+    /// A bright spot on a wavy ground; from image 10 on a wall, brighter still, comes up to it from below, and stays.
+    fn walled(k: u32, shown: f64) -> Image {
+        let edge = 60.0 + (24.0 - 2.0 * f64::from(k.saturating_sub(10))).max(6.0);
+        let level = |u: f64, v: f64| {
+            let (x, y) = (u - 60.0, v - 60.0);
+            let ground = 70.0 + 20.0 * libm::sin(0.9 * u) * libm::cos(0.7 * v);
+            let wall = 180.0 * libm::exp(-(v - edge - 2.0).powi(2) / 4.0);
+            let wall = if k >= 10 { wall } else { 0.0 };
+            (ground + shown * libm::exp(-(x * x / 18.0 + y * y / 10.0)) + wall).min(255.0)
+        };
+        let pixels = (0..120).flat_map(|v| (0..120).map(move |u| level(u.into(), v.into()) as u8));
+        Image::from_pixels(120, 120, pixels.collect()).expect("as many pixels as the size says")
+    }
+
+    #[test]
+    fn a_bright_wall_beside_the_tip_loses_it_no_more_and_a_tip_that_goes_there_is_lost() {
+        let settings = TrackerSettings::profile(Profile::Robust, 20);
+        let mut tracker = Tracker::new(settings, &walled(0, 130.0), [60.0, 60.0]).expect("a spot");
+        let mut least = 1.0_f64;
+        for k in 1..30 {
+            let answer = tracker.track(&walled(k, 130.0), &Context::default());
+            assert_eq!(answer.state, TrackState::Tracking, "image {k}");
+            assert!(distance(answer.tip_px.unwrap(), [60.0, 60.0]) < 2.0, "image {k}: {:?}", answer.tip_px);
+            least = least.min(answer.ncc_anchor.unwrap());
+        }
+        assert!(least < settings.loss_ncc_anchor, "the wall is no test: {least}");
+        assert_eq!(tracker.track(&walled(30, 0.0), &Context::default()).state, TrackState::Lost);
+    }
+
+    #[test]
+    fn the_level_is_that_of_the_brightest_spot_and_falls_with_it_alone() {
+        let settings = TrackerSettings::profile(Profile::Robust, 20);
+        let mut tracker = Tracker::new(settings, &walled(0, 130.0), [60.0, 60.0]).expect("a spot");
+        let level = |tracker: &mut Tracker, shown: f64| {
+            tracker.track(&walled(1, shown), &Context::default()).tip_level.expect("a level")
+        };
+        let (full, dimmed) = (level(&mut tracker, 130.0), level(&mut tracker, 110.0));
+        // Blurred by σ 1.5 px a spot of σ 3 and 2.2 px keeps 0.74 of its height.
+        assert!((full - dimmed - 0.74 * 20.0).abs() < 1.0, "{full} {dimmed}");
     }
 }

@@ -3,8 +3,8 @@
 use sonoloop_types::{Acquisition, Estimate, Point, Pose, View};
 
 use super::{FirstFix, Mode, Servo, displaced, offset_from};
-use crate::search::Offset;
 use crate::hold::LEAST_SAMPLES;
+use crate::search::Offset;
 use crate::{along, feed, slide};
 
 /// Share of an image in the smoothed level of the tip.

@@ -195,3 +195,45 @@ fn a_candidate_is_confirmed_only_once_it_went_with_the_needle() {
     let (confirmed, fed_m) = search_past_a_candidate(0.0);
     assert!(!confirmed && (0.5e-3..1.2e-3).contains(&fed_m), "tested once: {fed_m}");
 }
+
+/// Whether a search goes to the crest of a candidate so far ahead of the last tip, seen over some images of a sweep.
+fn goes_to_a_candidate(ahead_mm: f64, by_hand: bool) -> bool {
+    let mut servo = Servo::new(setup(View::Lateral));
+    let mut pose = Pose::identity();
+    for k in 0..80 {
+        let mut seen = Acquisition { base_from_probe: pose, feed_m_s: Some(0.0), ..acquisition(k) };
+        if by_hand {
+            (seen.depth_m, seen.feed_m_s) = (None, None);
+        }
+        let found = match k {
+            0..5 => estimate(TrackState::Tracking),
+            30..40 => Estimate {
+                tip_px: Some([319.5 + 6.0 * ahead_mm, 200.0 + 8.0 * ahead_mm]),
+                tip_level: Some(200.0 - 4.0 * (k as f64 - 35.0).abs()),
+                ..estimate(TrackState::Recovering)
+            },
+            _ => estimate(TrackState::Lost),
+        };
+        pose = servo.answer(&seen, &found).target_base_from_probe.expect("a target");
+        if let Mode::Search(search) = servo.mode()
+            && matches!(search.phase, Phase::Crest { .. })
+        {
+            return true;
+        }
+    }
+    false
+}
+
+#[test]
+fn a_hand_may_have_pushed_the_tip_on_while_it_was_lost() {
+    for (ahead_mm, measured, by_hand) in [
+        (5.0, true, true),
+        (12.0, false, true),
+        (-5.0, true, true),
+        (-7.0, false, false),
+        (17.0, false, false),
+    ] {
+        assert_eq!(goes_to_a_candidate(ahead_mm, false), measured, "{ahead_mm} mm ahead");
+        assert_eq!(goes_to_a_candidate(ahead_mm, true), by_hand, "{ahead_mm} mm ahead, by hand");
+    }
+}
