@@ -17,8 +17,8 @@ const CONTACT_SHARE: f64 = 0.2;
 /// Below this the force at the start is noise (a liquid bears no probe), and contact cannot be judged by it.
 const LEAST_CONTACT_N: f64 = 0.2;
 
-/// How long a hand may go on pushing after it was told to stop. [assumed]
-const HAND_REACTION_S: f64 = 1.0;
+/// How far a hand may push on after it was told to stop. [assumed] A quick one, 14 mm/s, and a slow reaction, 0.6 s, make 8.4 mm.
+const HAND_GOES_ON_M: f64 = 10e-3;
 
 /// What the servo is doing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -181,14 +181,14 @@ impl Servo {
         let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
         let shaft_below = self.least_tip_level(2.0);
         let lateral = self.setup.view == View::Lateral;
-        let ahead = acquisition.base_from_probe.inverse() * self.setup.needle_axis_in_base;
         let by_hand = lateral && acquisition.depth_m.is_none();
-        let unmeasured_m = if by_hand { HAND_REACTION_S * self.setup.servo.feed_m_s } else { 0.0 };
+        let unmeasured_m = if by_hand { HAND_GOES_ON_M } else { 0.0 };
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
             Mode::Search(search) => {
                 let measured = offset_from(&held, &acquisition.base_from_probe, &lost_tip);
+                let ahead = acquisition.base_from_probe.inverse() * self.setup.needle_axis_in_base;
                 let recovering = estimate.tip_px.filter(|_| estimate.state == TrackState::Recovering);
                 let candidate_px = recovering.filter(|&px| {
                     let off = self.setup.geometry.probe_from_px(px) - lost_tip;

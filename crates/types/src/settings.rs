@@ -245,7 +245,8 @@ pub struct ServoSettings {
     pub confirm_s: f64,
     /// A candidate has passed its brightest when it fell by this many grey levels.
     pub crest_levels: f64,
-    /// A candidate farther than this from the last tip, in the picture, does not steer the search.
+    /// A candidate farther than this from the last tip, in the picture, does not steer the search; in a hand, which may push on by
+    /// 10 mm, farther than this from that way.
     pub candidate_reach_m: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way
     /// when a picture is delayed comes on top); 0: they are believed without.

@@ -259,8 +259,8 @@ pub(crate) struct RawServo {
     /// A candidate has passed its brightest when it fell by this many grey levels.
     #[garde(range(min = 1.0, max = 200.0))]
     pub crest_levels: f64,
-    /// A candidate farther than this from the last tip, in the picture, does not steer the search; in a hand, which pushes on for up to
-    /// a second, farther than this from that way.
+    /// A candidate farther than this from the last tip, in the picture, does not steer the search; in a hand, which may push
+    /// on by 10 mm, farther than this from that way.
     #[garde(range(min = 0.0, max = 100.0))]
     pub candidate_reach_mm: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way

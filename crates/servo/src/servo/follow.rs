@@ -3,7 +3,6 @@
 use sonoloop_types::{Acquisition, Estimate, Point, Pose, View};
 
 use super::{FirstFix, Mode, Servo, displaced, offset_from};
-use crate::hold::LEAST_SAMPLES;
 use crate::search::Offset;
 use crate::{along, feed, slide};
 
@@ -94,10 +93,13 @@ impl Servo {
     ) -> f64 {
         let settings = &self.setup.servo;
         if let Some(level) = estimate.tip_level {
-            // Whole periods of the dither, as few as tell anything: what is older is late.
-            let least_s = LEAST_SAMPLES as f64 * dt_s;
-            let window_s = settings.dither_period_s * (least_s / settings.dither_period_s).ceil();
-            self.state.hold.push(time_s, self.state.corrected_m + measured_m, level, window_s);
+            self.state.hold.push(
+                time_s,
+                self.state.corrected_m + measured_m,
+                level,
+                settings.dither_period_s,
+                dt_s,
+            );
         }
         let feeding = self.state.last_feed_m_s > 0.0;
         let drifted_m = if feeding { self.state.drift_m_s * dt_s } else { 0.0 };

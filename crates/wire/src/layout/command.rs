@@ -37,7 +37,7 @@ pub struct CommandMessage {
     pub ncc_anchor: f64,
     /// Brightness ratio, or NaN.
     pub brightness_ratio: f64,
-    /// Grey level at the tip, or NaN.
+    /// Grey level of the brightest spot at the tip, or NaN.
     pub tip_level: f64,
     /// Conditioning of the normal equations, or NaN.
     pub conditioning: f64,
