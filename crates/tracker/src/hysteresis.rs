@@ -1,6 +1,6 @@
 //! What loses a tip, what finds it again, and how long it takes until that is believed. No pixels here.
 
-use sonoloop_types::{Confirmation, Profile, Reason, TrackState, TrackerSettings, UpdateStrategy};
+use sonoloop_types::{Confirmation, Reason, TrackState, TrackerSettings, UpdateStrategy};
 
 /// Images after a confirmed recovery for which NCC with T_n does not count: T_n was just refreshed from a view
 /// that may still be settling, and the paper's recovery threshold lies below its loss threshold.
@@ -23,7 +23,7 @@ pub(crate) struct View {
     pub ncc_anchor: Option<f64>,
     pub brightness_ratio: Option<f64>,
     pub presence: Option<f64>,
-    pub level: Option<f64>,
+    pub level: f64,
 }
 
 impl View {
@@ -87,12 +87,6 @@ impl Hysteresis {
         }
     }
 
-    /// Whether a tip that fails the tests of losses is there all the same: `beside` is the view without what is far brighter than
-    /// the templates. It must pass the tests of a recovery; the paper knows no such exception.
-    pub fn keeps(settings: &TrackerSettings, beside: &View) -> bool {
-        settings.profile == Profile::Robust && Self::accepts(settings, beside)
-    }
-
     /// Whether a place may be the lost tip.
     ///
     /// It must look like the first template, and like the last one too: that is how the tip looked just before it
@@ -132,6 +126,7 @@ impl Hysteresis {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use sonoloop_types::Profile;
 
     use super::*;
 
@@ -159,7 +154,7 @@ mod tests {
             ncc_anchor: Some(ncc_anchor),
             brightness_ratio: Some(0.0),
             presence: Some(1.0),
-            level: Some(100.0),
+            level: 100.0,
         }
     }
 
@@ -171,7 +166,7 @@ mod tests {
         let ncc = || proptest::option::weighted(0.95, prop_oneof![-1.0..=1.0, 0.6..=0.95]);
         let ratio = || proptest::option::weighted(0.95, 0.0..=1.5);
         (ncc(), ncc(), ratio(), ratio()).prop_map(|(ncc_previous, ncc_anchor, brightness_ratio, presence)| {
-            View { ncc_previous, ncc_anchor, brightness_ratio, presence, level: Some(100.0) }
+            View { ncc_previous, ncc_anchor, brightness_ratio, presence, level: 100.0 }
         })
     }
 

@@ -96,8 +96,7 @@
 //! - Δ in the squared differences; an SCV that first comes near by plain differences, and takes T̂ anew when it has moved on;
 //!   an end of the iteration when what is *left* is short. These go with the profile, and are no settings;
 //! - LOST by NCC with T_n below 0.80, with T_1 below 0.70, or by a brightness test, since NCC ignores contrast: less than
-//!   half of T_1's contrast is left, or less than nine tenths and the patch differs from T_1 by 0.80 of its contrast. A tip that passes the tests of a recovery where what
-//!   is brighter than the templates by 40 grey levels is left out is kept: a bone's surface takes nothing away from it;
+//!   half of T_1's contrast is left, or less than nine tenths and the patch differs from T_1 by 0.80 of its contrast;
 //! - recovery by a coarse NCC search near the last tip, which widens, and after ten images over the whole image; each
 //!   candidate is refined, held to both templates at 0.85 and to the contrast of T_1, and three images in a row must confirm it.
 //!

@@ -82,30 +82,6 @@ impl Moments {
     }
 }
 
-/// Copies the weights to `left`, with zero where the padded patch a is brighter than b by more than `levels`. Returns the share of
-/// all weight that is left.
-pub(crate) fn leave_out_brighter(
-    window: Window,
-    weights: &[f32],
-    a: &[f32],
-    b: &[f32],
-    levels: f32,
-    left: &mut [f32],
-) -> f64 {
-    let [mut all, mut sum] = [0.0; 2];
-    for y in 0..window.side {
-        let row = y * window.stride()..y * window.stride() + window.side;
-        let padded = (y + 1) * window.padded_stride() + 1;
-        let pixels = weights[row.clone()].iter().zip(&mut left[row]);
-        for ((&weight, left), (a, b)) in pixels.zip(a[padded..].iter().zip(&b[padded..])) {
-            *left = if a - b > levels { 0.0 } else { weight };
-            all += f64::from(weight);
-            sum += f64::from(*left);
-        }
-    }
-    if all > 0.0 { sum / all } else { 0.0 }
-}
-
 wide! {
     /// Σ w·[1, a, b].
     fn sums(window: Window, part: Part, weights: &[f32], a: &[f32], b: &[f32]) -> [f64; 3] {
@@ -242,24 +218,5 @@ mod tests {
         let other: Vec<f32> = b.iter().map(|g| ground + 3.0 * (g - ground)).collect();
         let m = moments(&other, &b, 3.0);
         assert!((m.brightness_ratio(0.0, 60.0).unwrap() - 0.5).abs() < 1e-3);
-    }
-
-    #[test]
-    fn what_is_far_brighter_is_left_out_and_what_is_darker_counts() {
-        let window = Window { side: 9 };
-        let weights = Weights::new(9, 0.0);
-        let b = vec![100.0; window.padded_len()];
-        let mut a = b.clone();
-        for x in 0..9 {
-            let at = |y: usize| (y + 1) * window.padded_stride() + 1 + x;
-            (a[at(8)], a[at(7)], a[at(0)]) = (141.0, 140.0, 0.0);
-        }
-        let mut left = vec![7.0; window.len()];
-        let share = leave_out_brighter(window, weights.values(), &a, &b, 40.0, &mut left);
-        assert!((share - 8.0 / 9.0).abs() < 1e-9, "{share}");
-        for y in 0..9 {
-            let row = &left[y * window.stride()..][..9];
-            assert!(row.iter().all(|&weight| weight == if y == 8 { 0.0 } else { 1.0 }), "row {y}: {row:?}");
-        }
     }
 }

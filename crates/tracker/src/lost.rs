@@ -201,9 +201,7 @@ impl Tracker {
                 if self.registrar.sample(&self.region, &Placement::at(at)).is_err() {
                     continue;
                 }
-                let Some(ncc) = self.registrar.moments(&self.anchor.padded).and_then(|m| m.ncc()) else {
-                    continue;
-                };
+                let Some(ncc) = self.moments(&self.anchor.padded).and_then(|m| m.ncc()) else { continue };
                 if best.is_none_or(|(highest, _)| ncc > highest) {
                     best = Some((ncc, at));
                 }

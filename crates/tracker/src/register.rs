@@ -8,7 +8,6 @@ use sonoloop_simd::Instructions;
 use sonoloop_types::{Optimisation, Profile, Reason, Similarity, TrackerSettings, Warp};
 
 use crate::gaussian::Weights;
-use crate::likeness::{Moments, leave_out_brighter};
 use crate::region::Region;
 use crate::scv::Conditional;
 use crate::sums::{Comparison, translation_sums};
@@ -33,11 +32,6 @@ pub(crate) const NEAR_PX: f64 = 1.0;
 /// A tip's brightest spot lies this near to where it is found, to either side: its echo comes from the facet behind it. Tips of
 /// recorded insertions were found up to 2 px off their brightest pixel. [measured]
 const SPOT_PX: f64 = 3.0;
-/// What is brighter than the template by more grey levels than this has come into the tip's surroundings: blurred speckle scatters
-/// by some twelve. [assumed]
-const BRIGHT_LEVELS: f32 = 40.0;
-/// Share of the window, by weight, that must be left to tell the tip by. [assumed] With 0.75 a tip that stands on bone is lost.
-const LEAST_LEFT: f64 = 0.65;
 
 /// Where a registration ended.
 #[derive(Debug, Clone, Copy)]
@@ -74,8 +68,6 @@ pub(crate) struct Registrar {
     pub patch: Vec<f32>,
     /// Where that was.
     pub sampled: Placement,
-    /// Weights without what is far brighter than a template.
-    left: Vec<f32>,
     adapted: Vec<f32>,
     adapted_u: Vec<f32>,
     adapted_v: Vec<f32>,
@@ -107,7 +99,6 @@ impl Registrar {
             weights: Weights::new(window.side, weight_sigma_px),
             patch: vec![0.0; window.padded_len()],
             sampled: Placement::at([0.0; 2]),
-            left: vec![0.0; window.len()],
             adapted: vec![0.0; window.padded_len()],
             adapted_u: vec![0.0; window.len()],
             adapted_v: vec![0.0; window.len()],
@@ -123,22 +114,6 @@ impl Registrar {
         self.weights.cut(inside);
         self.sampled = *place;
         if 2 * inside.count() < window.side * window.side { Err(Reason::OutOfImage) } else { Ok(()) }
-    }
-
-    /// The last patch beside a template.
-    pub fn moments(&self, template: &[f32]) -> Option<Moments> {
-        let Self { instructions, window, weights, patch, .. } = self;
-        Moments::of(*instructions, *window, weights.part, weights.values(), patch, template)
-    }
-
-    /// The same without what is far brighter than the template; `change` is Δ. `None` where that is too much of the window.
-    pub fn moments_beside_brightness(&mut self, template: &Template, change: f32) -> Option<Moments> {
-        let Self { instructions, window, weights, patch, left, .. } = self;
-        let (values, template) = (weights.values(), &template.padded);
-        let share = leave_out_brighter(*window, values, patch, template, change + BRIGHT_LEVELS, left);
-        (share >= LEAST_LEFT)
-            .then(|| Moments::of(*instructions, *window, weights.part, left, patch, template))
-            .flatten()
     }
 
     /// The highest grey level within [`SPOT_PX`] of the middle of the last patch.

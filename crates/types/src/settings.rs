@@ -128,8 +128,7 @@ pub struct TrackerSettings {
     pub max_iterations: u32,
     /// The iteration ends when the largest corner motion falls below this.
     pub epsilon_px: f64,
-    /// LOST when NCC with T_n falls below; profile `robust`: unless the tip is there beside something far brighter, then and in the
-    /// other tests.
+    /// LOST when NCC with T_n falls below.
     pub loss_ncc_previous: f64,
     /// LOST when NCC with T_1 falls below.
     pub loss_ncc_anchor: f64,
