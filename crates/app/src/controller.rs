@@ -145,6 +145,7 @@ impl Controller {
                     motion_px: guidance.motion_px,
                     confirmation: guidance.confirmation,
                     axis_px: guidance.axis_px,
+                    unmeasured_px: guidance.unmeasured_px,
                 };
                 tracker.track(image, &context)
             }

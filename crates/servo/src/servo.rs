@@ -40,6 +40,8 @@ pub struct Guidance {
     pub confirmation: Confirmation,
     /// Direction of the needle in a lateral picture under the nominal calibration, unit length.
     pub axis_px: Option<[f64; 2]>,
+    /// How far the tip may have gone on along it unmeasured while it was lost, pixels.
+    pub unmeasured_px: f64,
 }
 
 /// The last picture's facts, for prediction.
@@ -157,7 +159,8 @@ impl Servo {
             View::Lateral => predict::axis_px(&self.setup.needle_axis_in_base, &acquisition.base_from_probe),
             View::Transverse => None,
         };
-        Guidance { motion_px, confirmation, axis_px }
+        let unmeasured_px = self.unmeasured_m(acquisition) / self.setup.geometry.spacing_m;
+        Guidance { motion_px, confirmation, axis_px, unmeasured_px }
     }
 
     /// The command that answers a picture.
@@ -181,8 +184,7 @@ impl Servo {
         let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
         let shaft_below = self.least_tip_level(2.0);
         let lateral = self.setup.view == View::Lateral;
-        let by_hand = lateral && acquisition.depth_m.is_none();
-        let unmeasured_m = if by_hand { HAND_GOES_ON_M } else { 0.0 };
+        let unmeasured_m = self.unmeasured_m(acquisition);
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
@@ -255,6 +257,12 @@ impl Servo {
             feed_m_s,
             compute_us: 0.0,
         }
+    }
+
+    /// How far a lost tip may have gone on along the needle beyond what was measured, in a lateral view.
+    fn unmeasured_m(&self, acquisition: &Acquisition) -> f64 {
+        let by_hand = self.setup.view == View::Lateral && acquisition.depth_m.is_none();
+        if by_hand { HAND_GOES_ON_M } else { 0.0 }
     }
 
     /// Whether the probe is on the surface, as far as its force can tell.

@@ -40,13 +40,21 @@ struct Sought {
     median: Option<f64>,
     /// Where it should be, from its last place and the measured motion.
     centre_px: [f64; 2],
-    /// Direction of the needle in the picture, when it lies in it.
+    /// Direction of the needle in the picture, when it lies in it, and how far the tip may have gone on that way unmeasured.
     axis_px: Option<[f64; 2]>,
+    unmeasured_px: f64,
 }
 
 impl Sought {
     fn scored(&self, at_px: [f64; 2], view: View, conditioning: Option<f64>, accepted: bool) -> Scored {
-        let rank = view.ncc_anchor.unwrap_or(-1.0) - NCC_PER_PX * distance(at_px, self.centre_px);
+        let expected_px = self.axis_px.map_or(self.centre_px, |[u, v]| {
+            let along = (at_px[0] - self.centre_px[0]) * u + (at_px[1] - self.centre_px[1]) * v;
+            // Comparisons, as a bound that is no number must not panic.
+            let along = if along < self.unmeasured_px { along } else { self.unmeasured_px };
+            let along = if along > 0.0 { along } else { 0.0 };
+            add(self.centre_px, [along * u, along * v])
+        });
+        let rank = view.ncc_anchor.unwrap_or(-1.0) - NCC_PER_PX * distance(at_px, expected_px);
         Scored { at_px, view, conditioning, accepted, rank }
     }
 }
@@ -70,7 +78,8 @@ impl Tracker {
         let motion = motion_px.unwrap_or_default();
         let expected_px = self.belief.candidate_px.map(|candidate| add(candidate, motion));
         let centre_px = add(self.belief.tip_px, motion);
-        let sought = Sought { median, centre_px, axis_px: context.axis_px };
+        let Context { axis_px, unmeasured_px, .. } = *context;
+        let sought = Sought { median, centre_px, axis_px, unmeasured_px };
         let mut iterations = 0;
 
         // A candidate that is still where it was needs no search. Once the plane stands it has passed for no bead of the shaft in
@@ -213,5 +222,39 @@ impl Tracker {
     /// Half-side of the region in which one place is scored; never beyond that of tracking.
     fn scoring_reach(&self) -> usize {
         self.registrar.weights.part.reach() + REFINE_PX as usize + 2 * MAX_MOVE_PX as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distance_costs_nothing_where_the_tip_may_have_gone_on() {
+        let view = View {
+            ncc_previous: None,
+            ncc_anchor: Some(0.9),
+            brightness_ratio: None,
+            presence: None,
+            level: 100.0,
+        };
+        let rank = |at_px: [f64; 2], axis_px: Option<[f64; 2]>, unmeasured_px: f64| {
+            let sought = Sought { median: None, centre_px: [100.0, 100.0], axis_px, unmeasured_px };
+            sought.scored(at_px, view, None, true).rank
+        };
+        let axis = Some([0.6, 0.8]);
+        // Places 50 px ahead, 150 px ahead, 20 px behind, and 50 px ahead and 10 px aside.
+        for (at_px, unmeasured_px, far_px) in [
+            ([130.0, 140.0], 100.0, 0.0),
+            ([190.0, 220.0], 100.0, 50.0),
+            ([88.0, 84.0], 100.0, 20.0),
+            ([122.0, 146.0], 100.0, 10.0),
+            ([130.0, 140.0], 0.0, 50.0),
+            ([130.0, 140.0], f64::NAN, 50.0),
+        ] {
+            let expected = 0.9 - NCC_PER_PX * far_px;
+            assert!((rank(at_px, axis, unmeasured_px) - expected).abs() < 1e-9, "{at_px:?} {unmeasured_px}");
+        }
+        assert!((rank([130.0, 140.0], None, 100.0) - 0.9 + NCC_PER_PX * 50.0).abs() < 1e-9);
     }
 }

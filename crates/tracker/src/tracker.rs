@@ -42,6 +42,8 @@ pub struct Context {
     /// Direction (u, v) in which the needle points in the picture, unit length, some degrees off at most: a candidate
     /// beyond which the shaft goes on is not the tip. `None` when the needle does not lie in the picture.
     pub axis_px: Option<[f64; 2]>,
+    /// How far the tip may have gone on along `axis_px` while it was lost, beyond the measured motion, pixels: a hand pushes on.
+    pub unmeasured_px: f64,
 }
 
 /// Follows one needle tip from image to image.

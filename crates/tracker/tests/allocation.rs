@@ -78,7 +78,12 @@ fn film(seed: u64) -> Film {
     let (first, tip_px) = (scene.image(tip, 1.0), tip);
     let advancing = Context { motion_px: Some(step), ..Context::default() };
     let along = Some([libm::cos(0.45), libm::sin(0.45)]);
-    let resting = Context { motion_px: Some([0.0; 2]), axis_px: along, confirmation: Confirmation::Confirms };
+    let resting = Context {
+        motion_px: Some([0.0; 2]),
+        axis_px: along,
+        confirmation: Confirmation::Confirms,
+        unmeasured_px: 0.0,
+    };
     let mut shots = Vec::new();
     for _ in 0..4 {
         tip = [tip[0] + step[0], tip[1] + step[1]];

@@ -46,7 +46,8 @@ fn a_gain_step_in_one_image_does_not_lose_the_needle() {
 fn one_image_without_the_needle_is_a_loss_and_three_with_it_confirm() {
     let mut scene = NeedleScene::new(51, 0.3, 0.45);
     let (tip, _) = scene.path();
-    let still = Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Confirms, axis_px: None };
+    let still =
+        Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Confirms, ..Context::default() };
     let held = Context { confirmation: Confirmation::Held, ..still };
     let mut tracker =
         Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
@@ -81,7 +82,7 @@ fn one_image_without_the_needle_is_a_loss_and_three_with_it_confirm() {
 fn while_lost_the_correlation_near_the_last_tip_rises_towards_the_plane() {
     let mut scene = NeedleScene::new(61, 0.3, 0.45);
     let (tip, _) = scene.path();
-    let still = Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Held, axis_px: None };
+    let still = Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Held, ..Context::default() };
     let mut tracker =
         Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
     let mut mean = |strength: f64| {
@@ -150,7 +151,8 @@ fn the_paper_profile_recovers_below_its_loss_threshold_without_flapping() {
     assert!(settings.recovery_ncc < settings.loss_ncc_previous);
     let mut scene = NeedleScene::new(81, 0.1, 0.45);
     let (tip, _) = scene.path();
-    let still = Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Confirms, axis_px: None };
+    let still =
+        Context { motion_px: Some([0.0; 2]), confirmation: Confirmation::Confirms, ..Context::default() };
     let mut tracker = Tracker::new(settings, &scene.image(tip, 1.0), tip).expect("a sound image");
     for _ in 0..4 {
         tracker.track(&scene.image(tip, 0.0), &still);

@@ -77,10 +77,7 @@ fn a_measured_motion_moves_the_guess_and_not_the_measurement() {
     let jump = pattern([14.0, 9.0], 1.0, 0.0);
     let track = |motion_px| {
         let mut tracker = Tracker::new(settings, &first, [80.0, 60.0]).expect("a sound image");
-        tracker
-            .track(&jump, &Context { motion_px, confirmation: Confirmation::Confirms, axis_px: None })
-            .tip_px
-            .expect("a tip")
+        tracker.track(&jump, &Context { motion_px, ..Context::default() }).tip_px.expect("a tip")
     };
     let exact = track(Some([14.0, 9.0]));
     let rough = track(Some([12.5, 10.0]));

@@ -216,11 +216,14 @@ fn confirmation() -> impl Strategy<Value = Confirmation> {
 
 fn context() -> impl Strategy<Value = Context> {
     let pair = || proptest::option::of([number(), number()]);
-    (pair(), confirmation(), pair()).prop_map(|(motion_px, confirmation, axis_px)| Context {
-        motion_px,
-        confirmation,
-        axis_px,
-    })
+    (pair(), confirmation(), pair(), number()).prop_map(
+        |(motion_px, confirmation, axis_px, unmeasured_px)| Context {
+            motion_px,
+            confirmation,
+            axis_px,
+            unmeasured_px,
+        },
+    )
 }
 
 /// Anything that is accepted, the ends of every range included.

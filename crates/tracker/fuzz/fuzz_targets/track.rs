@@ -110,6 +110,7 @@ struct Told {
     motion_px: Option<[f32; 2]>,
     held: bool,
     axis_px: Option<[f32; 2]>,
+    unmeasured_px: f32,
 }
 
 impl Told {
@@ -119,6 +120,7 @@ impl Told {
             motion_px: self.motion_px.map(wide),
             confirmation: if self.held { Confirmation::Held } else { Confirmation::Confirms },
             axis_px: self.axis_px.map(wide),
+            unmeasured_px: self.unmeasured_px.into(),
         }
     }
 }
