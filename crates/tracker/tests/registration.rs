@@ -1,9 +1,7 @@
 //! Sub-pixel truth: a smooth pattern whose shift is known in closed form.
 
 use sonoloop_tracker::{Context, Tracker};
-use sonoloop_types::{
-    Confirmation, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy,
-};
+use sonoloop_types::{Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy};
 
 /// A bright oblique Gaussian blob over a slow wave, both shifted by `shift_px`.
 fn pattern(shift_px: [f64; 2], gain: f64, offset: f64) -> Image {
