@@ -3,8 +3,8 @@
 //! Brightness is even in elevation, so one picture gives the distance to the plane but not its side. A small
 //! dither gives the side: regress the level on the measured elevation of the probe (and on time, for the level's own
 //! drift); the slope's sign points to the tip. With amplitude weight exp(−e²/2σ²) and a log display of `G` grey
-//! levels per neper, level(e) = L₀ − G·e²/2σ², so slope = −G·e/σ² and e = −slope·σ²/G. The level must be that of the tip alone: over
-//! eight recorded insertions the slope of its brightest spot was 0.7 to 1.3 of this, that of a mean over the template 0.4 to 0.7.
+//! levels per neper, level(e) = L₀ − G·e²/2σ², so slope = −G·e/σ² and e = −slope·σ²/G. The level must be that of the tip alone: in
+//! recorded insertions the slope of its brightest spot was 0.7 to 1.3 of this (eight), that of a mean over the template 0.4 to 0.7 (six).
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};

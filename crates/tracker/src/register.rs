@@ -118,14 +118,14 @@ impl Registrar {
 
     /// The highest grey level within [`SPOT_PX`] of the middle of the last patch.
     pub fn peak_level(&self) -> f64 {
-        let Window { side, .. } = self.window;
         let half = self.window.half_px();
-        let spot = (half - SPOT_PX).max(0.0).ceil() as usize..(half + SPOT_PX) as usize + 1;
+        // No template is smaller than the spot.
+        let spot = (half - SPOT_PX).ceil() as usize..(half + SPOT_PX) as usize + 1;
         let mut peak = 0.0_f32;
-        for y in spot.start..spot.end.min(side) {
-            let row = &self.patch[(y + 1) * self.window.padded_stride() + 1..][..side];
-            let weights = &self.weights.values()[y * self.window.stride()..][..side];
-            for (&level, &weight) in row.iter().zip(weights).take(spot.end).skip(spot.start) {
+        for y in spot.clone() {
+            let row = &self.patch[(y + 1) * self.window.padded_stride() + 1..][spot.clone()];
+            let weights = &self.weights.values()[y * self.window.stride()..][spot.clone()];
+            for (&level, &weight) in row.iter().zip(weights) {
                 // Beyond the picture's edge there is none.
                 if weight > 0.0 && level > peak {
                     peak = level;
