@@ -219,3 +219,46 @@ impl Shear {
         [first & -stride, if first < end { (end + stride - 1) & -stride } else { 0 }]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Affine, STRIDE, Shear};
+
+    #[test]
+    fn strides_are_those_with_a_row_within_the_bound() {
+        let none = Affine { at_zero: 0.0, per_ix: 0.0, per_iy: 0.0 };
+        let shear = Shear {
+            row_step_m: 0.07e-3,
+            rows_per_scatterer: 1.0,
+            rows: 640,
+            lateral_slope: 0.0,
+            elevation_slope: 0.0,
+            line_pitch_m: 0.1e-3,
+            first_line_m: 0.0,
+            lines: 1,
+            reach_m: 0.0,
+            beside_m: 0.0,
+            x: none,
+            e: none,
+            top_row: none,
+            columns: [[0; 2]; 2],
+        };
+        for slope in [0.0, 0.011, -0.13, 0.577] {
+            for at_zero_m in (-40..=40).map(|k| 0.713e-3 * f64::from(k)) {
+                for bound_m in [0.3e-3, 2e-3, 20e-3] {
+                    let within =
+                        |row: &usize| (at_zero_m + slope * shear.row_step_m * *row as f64).abs() <= bound_m;
+                    let rows: Vec<usize> = (0..shear.rows).filter(within).collect();
+                    let [lo, hi] = shear.strides_within(at_zero_m, slope, bound_m).map(|row| row as usize);
+                    match (rows.first(), rows.last()) {
+                        (Some(first), Some(last)) => {
+                            let exact = [first / STRIDE * STRIDE, (last + 1).next_multiple_of(STRIDE)];
+                            assert_eq!([lo, hi], exact, "{at_zero_m} {slope} {bound_m}");
+                        }
+                        _ => assert!(lo >= hi, "{at_zero_m} {slope} {bound_m}: {lo}..{hi}"),
+                    }
+                }
+            }
+        }
+    }
+}
