@@ -146,6 +146,8 @@ impl Controller {
                     confirmation: guidance.confirmation,
                     axis_px: guidance.axis_px,
                     unmeasured_px: guidance.unmeasured_px,
+                    reach_px: Some(guidance.reach_px),
+                    refused: &guidance.refused,
                 };
                 tracker.track(image, &context)
             }

@@ -2,8 +2,8 @@ mod follow;
 
 use serde::{Deserialize, Serialize};
 use sonoloop_types::{
-    Acquisition, ArmStatus, Command, Confirmation, Estimate, Point, Pose, Reason, Setup, TrackState, Vector,
-    View,
+    Acquisition, ArmStatus, Command, Confirmation, Disc, Estimate, Point, Pose, Reason, Setup, TrackState,
+    Vector, View,
 };
 
 use crate::along::{Along, Lead};
@@ -32,7 +32,7 @@ pub enum Mode {
 }
 
 /// What the servo tells the tracker before it looks at a picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Guidance {
     /// Predicted motion of the tip since the last picture, pixels.
     pub motion_px: Option<[f64; 2]>,
@@ -42,6 +42,10 @@ pub struct Guidance {
     pub axis_px: Option<[f64; 2]>,
     /// How far the tip may have gone on along it unmeasured while it was lost, pixels.
     pub unmeasured_px: f64,
+    /// How far from where it is expected, or from that way, it is sought, pixels.
+    pub reach_px: f64,
+    /// Where it is not: candidates lay there that did not go with the needle.
+    pub refused: Vec<Disc>,
 }
 
 /// The last picture's facts, for prediction.
@@ -159,8 +163,13 @@ impl Servo {
             View::Lateral => predict::axis_px(&self.setup.needle_axis_in_base, &acquisition.base_from_probe),
             View::Transverse => None,
         };
-        let unmeasured_px = self.unmeasured_m(acquisition) / self.setup.geometry.spacing_m;
-        Guidance { motion_px, confirmation, axis_px, unmeasured_px }
+        let refused = match &self.state.mode {
+            Mode::Search(search) => search.jog.refused(&self.setup, acquisition),
+            _ => Vec::new(),
+        };
+        let [unmeasured_px, reach_px] = [self.unmeasured_m(acquisition), self.setup.servo.candidate_reach_m]
+            .map(|way_m| way_m / self.setup.geometry.spacing_m);
+        Guidance { motion_px, confirmation, axis_px, unmeasured_px, reach_px, refused }
     }
 
     /// The command that answers a picture.
@@ -184,23 +193,15 @@ impl Servo {
         let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
         let shaft_below = self.least_tip_level(2.0);
         let lateral = self.setup.view == View::Lateral;
-        let unmeasured_m = self.unmeasured_m(acquisition);
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
             Mode::Search(search) => {
                 let measured = offset_from(&held, &acquisition.base_from_probe, &lost_tip);
-                let ahead = acquisition.base_from_probe.inverse() * self.setup.needle_axis_in_base;
                 let recovering = estimate.tip_px.filter(|_| estimate.state == TrackState::Recovering);
-                let candidate_px = recovering.filter(|&px| {
-                    let off = self.setup.geometry.probe_from_px(px) - lost_tip;
-                    // As far from where the tip was, or from the way that it has gone on unmeasured.
-                    let gone_on_m = off.dot(&ahead).clamp(0.0, unmeasured_m);
-                    (off - ahead * gone_on_m).norm() < settings.candidate_reach_m
-                        // Behind the tip every plane cuts the shaft: what is dimmer is no candidate there.
-                        && shaft_below
-                            .is_none_or(|least| estimate.tip_level.is_some_and(|level| level >= least))
-                        && !search.jog.refuses(&self.setup, acquisition, px)
+                // Behind the tip every plane cuts the shaft: what is dimmer is no candidate there.
+                let candidate_px = recovering.filter(|_| {
+                    shaft_below.is_none_or(|least| estimate.tip_level.is_some_and(|level| level >= least))
                 });
                 search.advance(
                     settings,

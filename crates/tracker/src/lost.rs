@@ -36,26 +36,45 @@ struct Scored {
 
 /// What is known of the lost tip beside its looks.
 #[derive(Clone, Copy)]
-struct Sought {
+struct Sought<'a> {
     median: Option<f64>,
     /// Where it should be, from its last place and the measured motion.
     centre_px: [f64; 2],
-    /// Direction of the needle in the picture, when it lies in it, and how far the tip may have gone on that way unmeasured.
-    axis_px: Option<[f64; 2]>,
-    unmeasured_px: f64,
+    context: &'a Context<'a>,
 }
 
-impl Sought {
+impl Sought<'_> {
     fn scored(&self, at_px: [f64; 2], view: View, conditioning: Option<f64>, accepted: bool) -> Scored {
-        let expected_px = self.axis_px.map_or(self.centre_px, |[u, v]| {
+        let rank = view.ncc_anchor.unwrap_or(-1.0) - NCC_PER_PX * self.off_px(at_px);
+        Scored { at_px, view, conditioning, accepted, rank }
+    }
+
+    /// How far a place lies from the expected one, or from the way that the tip may have gone on unmeasured.
+    fn off_px(&self, at_px: [f64; 2]) -> f64 {
+        let Context { axis_px, unmeasured_px, .. } = *self.context;
+        let expected_px = axis_px.map_or(self.centre_px, |[u, v]| {
             let along = (at_px[0] - self.centre_px[0]) * u + (at_px[1] - self.centre_px[1]) * v;
             // Comparisons, as a bound that is no number must not panic.
-            let along = if along < self.unmeasured_px { along } else { self.unmeasured_px };
+            let along = if along < unmeasured_px { along } else { unmeasured_px };
             let along = if along > 0.0 { along } else { 0.0 };
             add(self.centre_px, [along * u, along * v])
         });
-        let rank = view.ncc_anchor.unwrap_or(-1.0) - NCC_PER_PX * distance(at_px, expected_px);
-        Scored { at_px, view, conditioning, accepted, rank }
+        distance(at_px, expected_px)
+    }
+
+    /// Whether the tip may be at a place at all.
+    fn may_be_at(&self, at_px: [f64; 2]) -> bool {
+        let Context { reach_px, refused, .. } = *self.context;
+        reach_px.is_none_or(|reach_px| self.off_px(at_px) <= reach_px)
+            && !refused.iter().any(|disc| distance(at_px, disc.centre_px) <= disc.radius_px)
+    }
+
+    /// The square that holds all places within reach: its middle, and half its side.
+    fn within_reach(&self) -> Option<([f64; 2], f64)> {
+        let Context { axis_px, unmeasured_px, reach_px, .. } = *self.context;
+        let [u, v] = axis_px.unwrap_or_default();
+        let half_px = 0.5 * unmeasured_px;
+        reach_px.map(|reach_px| (add(self.centre_px, [half_px * u, half_px * v]), reach_px + half_px))
     }
 }
 
@@ -78,8 +97,7 @@ impl Tracker {
         let motion = motion_px.unwrap_or_default();
         let expected_px = self.belief.candidate_px.map(|candidate| add(candidate, motion));
         let centre_px = add(self.belief.tip_px, motion);
-        let Context { axis_px, unmeasured_px, .. } = *context;
-        let sought = Sought { median, centre_px, axis_px, unmeasured_px };
+        let sought = Sought { median, centre_px, context };
         let mut iterations = 0;
 
         // A candidate that is still where it was needs no search. Once the plane stands it has passed for no bead of the shaft in
@@ -87,8 +105,7 @@ impl Tracker {
         let mut best = None;
         if let Some(expected_px) = expected_px {
             let moving = context.confirmation == Confirmation::Held;
-            let there = Sought { axis_px: sought.axis_px.filter(|_| moving), ..sought };
-            let again = self.score(image, &there, expected_px, &mut iterations);
+            let again = self.score(image, &sought, moving, expected_px, &mut iterations);
             best = again.filter(|s| s.accepted && distance(s.at_px, expected_px) <= SAME_CANDIDATE_PX);
         }
         let same = best.is_some();
@@ -104,7 +121,7 @@ impl Tracker {
         if !best.is_some_and(|s| s.accepted)
             && self.belief.state.lost_images() >= self.settings.whole_image_after
         {
-            let peaks = self.search.peaks(image, None);
+            let peaks = self.search.peaks(image, sought.within_reach());
             let far = self.score_all(image, &sought, peaks, &mut iterations);
             best = better(best, far.filter(|s| s.accepted));
         }
@@ -159,16 +176,17 @@ impl Tracker {
     ) -> Option<Scored> {
         let mut best = None;
         for peak in peaks.into_iter().take(PEAKS).flatten() {
-            best = better(best, self.score(image, sought, peak, iterations));
+            best = better(best, self.score(image, sought, true, peak, iterations));
         }
         best
     }
 
-    /// Refines a place against T_1 and decides whether it may be the tip.
+    /// Refines a place against T_1 and decides whether it may be the tip, where the shaft is asked for too if `asks_shaft`.
     fn score(
         &mut self,
         image: &Image,
         sought: &Sought,
+        asks_shaft: bool,
         peak_px: [f64; 2],
         iterations: &mut u32,
     ) -> Option<Scored> {
@@ -195,8 +213,9 @@ impl Tracker {
             return Some(rejected);
         };
         let alike = Hysteresis::accepts(&self.settings, &view);
-        let is_tip = sought.axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
-        let accepted = alike && is_tip && distance(start_px, at_px) < MAX_MOVE_PX;
+        let axis_px = sought.context.axis_px.filter(|_| asks_shaft);
+        let is_tip = axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
+        let accepted = alike && is_tip && sought.may_be_at(at_px) && distance(start_px, at_px) < MAX_MOVE_PX;
         let scored = sought.scored(at_px, view, Some(end.conditioning), accepted);
         better(Some(scored), Some(rejected))
     }
@@ -239,7 +258,8 @@ mod tests {
             level: 100.0,
         };
         let rank = |at_px: [f64; 2], axis_px: Option<[f64; 2]>, unmeasured_px: f64| {
-            let sought = Sought { median: None, centre_px: [100.0, 100.0], axis_px, unmeasured_px };
+            let context = &Context { axis_px, unmeasured_px, ..Context::default() };
+            let sought = Sought { median: None, centre_px: [100.0, 100.0], context };
             sought.scored(at_px, view, None, true).rank
         };
         let axis = Some([0.6, 0.8]);

@@ -17,10 +17,23 @@ const LEAST_RIDGE_LEVELS: f64 = 12.0;
 /// Share of the stronger of two ridges, ahead and behind, from which the other counts as the same shaft.
 const SAME_SHAFT: f64 = 0.5;
 
-/// True when the shaft runs on beyond `at_px` along `axis_px` (unit vector from the entry to the tip, pixels).
-pub(crate) fn goes_on(image: &Image, at_px: [f64; 2], axis_px: [f64; 2]) -> bool {
-    let ahead = ridge(image, at_px, axis_px);
-    let behind = ridge(image, at_px, [-axis_px[0], -axis_px[1]]);
+/// A shaft bends: what lies behind is looked for in directions up to this many steps off the one that is told, to either side.
+const STEPS_OFF: i32 = 3;
+const STEP_RAD: f64 = 3.0 / 180.0 * core::f64::consts::PI;
+
+/// True when the shaft runs on beyond `at_px` along `axis_px` (unit vector from the entry to the tip, pixels), some degrees off at most.
+pub(crate) fn goes_on(image: &Image, at_px: [f64; 2], [u, v]: [f64; 2]) -> bool {
+    let mut straight = [u, v];
+    let mut behind = None;
+    for step in -STEPS_OFF..=STEPS_OFF {
+        let (sin, cos) = libm::sincos(f64::from(step) * STEP_RAD);
+        let turned = [cos * u - sin * v, sin * u + cos * v];
+        let ridge = ridge(image, at_px, [-turned[0], -turned[1]]);
+        if ridge > behind {
+            (straight, behind) = (turned, ridge);
+        }
+    }
+    let ahead = ridge(image, at_px, straight);
     let Some(ahead) = ahead.filter(|&ahead| ahead > LEAST_RIDGE_LEVELS) else { return false };
     // A shaft lies behind the place too, where that can be seen: a ridge ahead alone is speckle.
     behind.is_none_or(|behind| ahead > SAME_SHAFT * behind && behind > SAME_SHAFT * ahead)
@@ -116,6 +129,26 @@ mod tests {
         let (sin, cos) = (libm::sin(50.0_f64.to_radians()), libm::cos(50.0_f64.to_radians()));
         assert!(!goes_on(&needle(), [100.0, 100.0], [cos, sin]));
         assert!(goes_on(&needle(), [60.0, 60.0], [cos, sin]));
+    }
+
+    #[test]
+    fn a_shaft_that_bends_away_from_the_direction_is_seen_behind_the_tip() {
+        // It comes in at 52°; ahead of the tip speckle stands half as high, in the direction that is told.
+        let (tip, told) = ([100.0, 100.0], [core::f64::consts::FRAC_1_SQRT_2; 2]);
+        let along = [52.0_f64.to_radians().cos(), 52.0_f64.to_radians().sin()];
+        let mut image = Image::black(200, 200);
+        for (index, pixel) in image.pixels.iter_mut().enumerate() {
+            let off = [(index % 200) as f64 - tip[0], (index / 200) as f64 - tip[1]];
+            let beside = |[u, v]: [f64; 2]| (off[0] * v - off[1] * u).abs();
+            let ahead = off[0] + off[1] > 0.0;
+            *pixel = if !ahead && beside(along) <= 1.5 { 130 } else { 90 };
+            if ahead && beside(told) <= 2.5 {
+                *pixel = 105;
+            }
+        }
+        assert!(!goes_on(&image, tip, told));
+        let behind = [tip[0] - 30.0 * along[0], tip[1] - 30.0 * along[1]];
+        assert!(goes_on(&image, behind, told));
     }
 
     #[test]

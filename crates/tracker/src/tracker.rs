@@ -1,6 +1,6 @@
 use sonoloop_simd::Instructions;
 use sonoloop_types::{
-    Confirmation, Estimate, Image, Profile, Reason, TrackState, TrackerSettings, UpdateStrategy, Warp,
+    Confirmation, Disc, Estimate, Image, Profile, Reason, TrackState, TrackerSettings, UpdateStrategy, Warp,
 };
 
 use crate::checkpoint::is_flat;
@@ -31,7 +31,7 @@ const SHORT_JUMP_PX: usize = 6;
 
 /// What is known about an image beside its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Context {
+pub struct Context<'a> {
     /// Motion (u, v) of the tip in the picture since the last image, predicted from the measured insertion and arm
     /// motion; a value that is not finite counts as `None`. It moves the initial guess where the settings say so
     /// ([`Guess::Insertion`](sonoloop_types::Guess::Insertion)), and the place of the search after a loss, never the
@@ -44,6 +44,10 @@ pub struct Context {
     pub axis_px: Option<[f64; 2]>,
     /// How far the tip may have gone on along `axis_px` while it was lost, beyond the measured motion, pixels: a hand pushes on.
     pub unmeasured_px: f64,
+    /// How far from where it is expected, or from that way, a lost tip is sought, pixels; `None`: everywhere.
+    pub reach_px: Option<f64>,
+    /// Where a lost tip is not, whatever it looks like there.
+    pub refused: &'a [Disc],
 }
 
 /// Follows one needle tip from image to image.

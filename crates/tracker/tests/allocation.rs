@@ -68,7 +68,7 @@ fn an_allocation_is_counted() {
 struct Film {
     first: Image,
     tip_px: [f64; 2],
-    shots: Vec<(Image, Context)>,
+    shots: Vec<(Image, Context<'static>)>,
 }
 
 /// A needle that advances, is gone for longer than it takes to search everywhere, is back, and is gone again.
@@ -82,7 +82,7 @@ fn film(seed: u64) -> Film {
         motion_px: Some([0.0; 2]),
         axis_px: along,
         confirmation: Confirmation::Confirms,
-        unmeasured_px: 0.0,
+        ..Context::default()
     };
     let mut shots = Vec::new();
     for _ in 0..4 {

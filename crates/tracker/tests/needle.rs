@@ -3,7 +3,9 @@
 mod support;
 
 use sonoloop_tracker::{Context, Tracker};
-use sonoloop_types::{Confirmation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy};
+use sonoloop_types::{
+    Confirmation, Disc, Estimate, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy,
+};
 use support::{NeedleScene, distance, in_parallel};
 
 const IMAGES: u32 = 120;
@@ -88,7 +90,7 @@ fn while_lost_the_correlation_near_the_last_tip_rises_towards_the_plane() {
     let mut mean = |strength: f64| {
         tracker.track(&scene.image(tip, 0.0), &still);
         let estimates: Vec<_> = (0..4).map(|_| tracker.track(&scene.image(tip, strength), &still)).collect();
-        let of = |value: fn(&sonoloop_types::Estimate) -> Option<f64>| {
+        let of = |value: fn(&Estimate) -> Option<f64>| {
             estimates.iter().map(|e| value(e).expect("a value while lost")).sum::<f64>() / 4.0
         };
         [of(|e| e.ncc_anchor), of(|e| e.tip_level)]
@@ -118,6 +120,57 @@ fn far_from_the_last_tip_the_whole_image_is_searched_after_a_while() {
         }
         assert!(found_at.is_some_and(|k| k >= 10), "{similarity:?}: {found_at:?}");
     }
+}
+
+#[test]
+fn a_lost_tip_is_not_sought_beyond_its_reach_nor_where_it_was_refused() {
+    let mut scene = NeedleScene::new(71, 0.3, 0.45);
+    let (tip, _) = scene.path();
+    let elsewhere = [tip[0] + 30.0, tip[1] + 40.0];
+    let first = scene.image(tip, 1.0);
+    let disc = |centre_px, radius_px| Disc { centre_px, radius_px };
+    let beside = [elsewhere[0] + 12.0, elsewhere[1]];
+    let mut finds = |context: &Context| {
+        let mut tracker = Tracker::new(robust(Similarity::Scv), &first, tip).expect("a sound image");
+        tracker.track(&scene.image(tip, 0.0), context);
+        let mut seen = (0..20).map(|_| tracker.track(&scene.image(elsewhere, 1.0), context));
+        seen.any(|estimate| {
+            let found = estimate.state == TrackState::Tracking;
+            assert!(!found || distance(estimate.tip_px.expect("a tip"), elsewhere) < 2.0);
+            found
+        })
+    };
+    let still = Context { motion_px: Some([0.0; 2]), ..Context::default() };
+    assert!(finds(&still));
+    assert!(finds(&Context { reach_px: Some(55.0), ..still }), "50 px are within reach");
+    assert!(!finds(&Context { reach_px: Some(45.0), ..still }));
+    // On the way there it may have gone on.
+    let along = Some([0.6, 0.8]);
+    assert!(finds(&Context { reach_px: Some(45.0), axis_px: along, unmeasured_px: 20.0, ..still }));
+    let refused = [disc(tip, 15.0), disc(elsewhere, 15.0)];
+    assert!(!finds(&Context { refused: &refused, ..still }));
+    assert!(finds(&Context { refused: &[disc(beside, 8.0)], ..still }), "another place");
+}
+
+#[test]
+fn a_candidate_that_is_refused_gives_way_to_the_tip() {
+    let mut scene = NeedleScene::new(72, 0.3, 0.45);
+    let (tip, _) = scene.path();
+    let (decoy, still) =
+        ([tip[0] + 25.0, tip[1] - 20.0], Context { motion_px: Some([0.0; 2]), ..Context::default() });
+    let held = Context { confirmation: Confirmation::Held, ..still };
+    let mut tracker =
+        Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
+    tracker.track(&scene.image(tip, 0.0), &held);
+    while tracker.track(&scene.image(decoy, 1.0), &held).state != TrackState::Recovering {}
+    let mut both = scene.image(decoy, 1.0);
+    let there = scene.image(tip, 1.0);
+    let brightest = both.pixels.iter().zip(&there.pixels).map(|(a, b)| *a.max(b)).collect();
+    both.pixels = brightest;
+    let at = |estimate: Estimate| estimate.tip_px.expect("a candidate");
+    assert!(distance(at(tracker.track(&both, &held)), decoy) < 2.0, "the candidate is kept");
+    let refused = [Disc { centre_px: decoy, radius_px: 10.0 }];
+    assert!(distance(at(tracker.track(&both, &Context { refused: &refused, ..held })), tip) < 2.0);
 }
 
 #[test]

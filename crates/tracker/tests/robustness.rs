@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use sonoloop_tracker::{Checkpoint, Context, Tracker, TrackerError, check_settings};
 use sonoloop_types::{
-    Confirmation, Guess, Image, Optimisation, Profile, Reason, Similarity, TrackState, TrackerSettings,
+    Confirmation, Disc, Guess, Image, Optimisation, Profile, Reason, Similarity, TrackState, TrackerSettings,
     UpdateStrategy, Warp,
 };
 use support::{NeedleScene, check_answer};
@@ -214,16 +214,15 @@ fn confirmation() -> impl Strategy<Value = Confirmation> {
     prop_oneof![Just(Confirmation::Confirms), Just(Confirmation::Counts), Just(Confirmation::Held)]
 }
 
-fn context() -> impl Strategy<Value = Context> {
+fn context() -> impl Strategy<Value = Context<'static>> {
     let pair = || proptest::option::of([number(), number()]);
-    (pair(), confirmation(), pair(), number()).prop_map(
-        |(motion_px, confirmation, axis_px, unmeasured_px)| Context {
-            motion_px,
-            confirmation,
-            axis_px,
-            unmeasured_px,
-        },
-    )
+    let disc = (number(), number(), number()).prop_map(|(u, v, r)| Disc { centre_px: [u, v], radius_px: r });
+    let told = (pair(), confirmation(), pair(), number(), proptest::option::of(number()), disc);
+    told.prop_map(|(motion_px, confirmation, axis_px, unmeasured_px, reach_px, disc)| {
+        // Lives as long as the test's process.
+        let refused = Box::leak(Box::new([disc]));
+        Context { motion_px, confirmation, axis_px, unmeasured_px, reach_px, refused }
+    })
 }
 
 /// Anything that is accepted, the ends of every range included.

@@ -23,7 +23,7 @@ mod truth;
 pub use acquisition::{Acquisition, ArmStatus, CommandReceipt, Refusal};
 pub use command::{Command, EndReason};
 pub use drag::Drag;
-pub use estimate::{Confirmation, Estimate, Reason, TrackState};
+pub use estimate::{Confirmation, Disc, Estimate, Reason, TrackState};
 pub use event::{Event, EventKind};
 pub use geometry::{ImageGeometry, View};
 pub use image::Image;

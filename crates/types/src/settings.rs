@@ -139,7 +139,7 @@ pub struct TrackerSettings {
     pub recovery_ncc: f64,
     /// Images in a row that confirm a candidate.
     pub confirmation_images: u32,
-    /// Images lost after which the whole picture is searched.
+    /// Images lost after which the whole picture is searched, as far as the tip may be there.
     pub whole_image_after: u32,
 }
 
@@ -245,8 +245,8 @@ pub struct ServoSettings {
     pub confirm_s: f64,
     /// A candidate has passed its brightest when it fell by this many grey levels.
     pub crest_levels: f64,
-    /// A candidate farther than this from the last tip, in the picture, does not steer the search; in a hand, which may push on by
-    /// 10 mm, farther than this from that way.
+    /// In the picture a lost tip is sought no farther than this from where it should be by its last place and the measured motion; in
+    /// a hand, which may push on by 10 mm, no farther than this from that way.
     pub candidate_reach_m: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way
     /// when a picture is delayed comes on top); 0: they are believed without.

@@ -143,7 +143,7 @@ pub(crate) struct RawTracker {
     /// Images in a row that confirm a recovery.
     #[garde(range(min = 1, max = 100))]
     pub confirmation_images: Option<u32>,
-    /// Images lost after which the whole picture is searched.
+    /// Images lost after which the whole picture is searched, as far as `servo.candidate_reach_mm` goes.
     #[garde(range(min = 0, max = 10000))]
     pub whole_image_after: Option<u32>,
 }
@@ -259,8 +259,8 @@ pub(crate) struct RawServo {
     /// A candidate has passed its brightest when it fell by this many grey levels.
     #[garde(range(min = 1.0, max = 200.0))]
     pub crest_levels: f64,
-    /// A candidate farther than this from the last tip, in the picture, does not steer the search; in a hand, which may push
-    /// on by 10 mm, farther than this from that way.
+    /// In the picture a lost tip is sought no farther than this from where it should be by its last place and the measured
+    /// motion; in a hand, which may push on by 10 mm, no farther than this from that way.
     #[garde(range(min = 0.0, max = 100.0))]
     pub candidate_reach_mm: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way

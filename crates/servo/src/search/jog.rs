@@ -1,7 +1,7 @@
 //! A candidate for the lost tip must go with the needle: what only looks like a tip stands still while the needle is fed.
 
 use serde::{Deserialize, Serialize};
-use sonoloop_types::{Acquisition, Point, Pose, Setup, View};
+use sonoloop_types::{Acquisition, Disc, Point, Pose, Setup, View};
 
 use crate::{feed, predict};
 
@@ -87,14 +87,14 @@ impl Jog {
         self.start.is_some()
     }
 
-    /// Whether a candidate was refused before.
-    pub fn refuses(&self, setup: &Setup, acquisition: &Acquisition, px: [f64; 2]) -> bool {
+    /// Where in a picture those lie that were refused before.
+    pub fn refused(&self, setup: &Setup, acquisition: &Acquisition) -> Vec<Disc> {
         let probe_from_base = acquisition.base_from_probe.inverse();
-        let seen = setup.geometry.probe_from_px(px);
-        self.refused.iter().any(|place| {
-            let off_m = probe_from_base * place - seen;
-            off_m.x.hypot(off_m.z) < SAME_M[0] && off_m.y.abs() < SAME_M[1]
-        })
+        let seen = self.refused.iter().map(|place| probe_from_base * place);
+        let radius_px = SAME_M[0] / setup.geometry.spacing_m;
+        seen.filter(|place| place.y.abs() < SAME_M[1])
+            .map(|place| Disc { centre_px: setup.geometry.px_from_probe(&place), radius_px })
+            .collect()
     }
 
     /// Takes every picture of the search; `px` is the candidate where one may be tested, the plane standing still. Returns the
@@ -281,11 +281,15 @@ mod tests {
                 assert_eq!(found, Some(goes), "{carries}, {delays:?}");
                 let late_m = PERIOD_S * SPEED_M_S * (delays[0] + delays[1]) as f64;
                 assert!(way_m <= STAYS_M + late_m + PERIOD_S * SPEED_M_S + 1e-9, "{way_m}");
-                assert_eq!(jog.refuses(&setup, &acquisition(9), [302.0, 152.0]), !goes);
-                assert!(!jog.refuses(&setup, &acquisition(9), [320.0, 150.0]), "another thing");
+                let refuses = |shown: &Acquisition, [u, v]: [f64; 2]| {
+                    let within = |d: &Disc| (d.centre_px[0] - u).hypot(d.centre_px[1] - v) <= d.radius_px;
+                    jog.refused(&setup, shown).iter().any(within)
+                };
+                assert_eq!(refuses(&acquisition(9), [302.0, 152.0]), !goes);
+                assert!(!refuses(&acquisition(9), [320.0, 150.0]), "another thing");
                 let aside = Pose::translation(0.0, 4e-3, 0.0);
                 let aside = Acquisition { base_from_probe: aside, ..acquisition(9) };
-                assert!(!jog.refuses(&setup, &aside, [302.0, 152.0]), "another plane");
+                assert!(!refuses(&aside, [302.0, 152.0]), "another plane");
             }
         }
     }

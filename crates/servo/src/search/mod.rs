@@ -16,7 +16,7 @@ use crest::{Sample, brightest, crest_at};
 pub use jog::{Jog, Seen};
 use pattern::{Axis, waypoint};
 
-/// The time of looking after a restart of the tracker: the needle went on unseen, the whole picture is searched.
+/// The time of looking after a restart of the tracker: the needle went on unseen, and all within reach is searched.
 const LOOK_AFTER_RESTART_S: f64 = 1.0;
 /// Pictures without a candidate that end a crest.
 const GAP_IMAGES: u32 = 2;

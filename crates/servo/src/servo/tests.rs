@@ -174,8 +174,12 @@ fn search_past_a_candidate(carries: f64) -> (bool, f64) {
             break;
         }
         let way_px = carries * fed_m / servo.setup.geometry.spacing_m;
+        let [u, v] = [319.5 + 0.6 * way_px, 200.0 + 0.8 * way_px];
+        let refused = servo.guidance(&seen).refused;
+        let refuses = |disc: &Disc| (disc.centre_px[0] - u).hypot(disc.centre_px[1] - v) <= disc.radius_px;
+        let visible = visible && !refused.iter().any(refuses);
         let said = Estimate {
-            tip_px: Some([319.5 + 0.6 * way_px, 200.0 + 0.8 * way_px]),
+            tip_px: Some([u, v]),
             tip_level: Some(200.0 - 1e8 * aside_m * aside_m),
             ..estimate(if visible { TrackState::Recovering } else { TrackState::Lost })
         };
@@ -196,44 +200,14 @@ fn a_candidate_is_confirmed_only_once_it_went_with_the_needle() {
     assert!(!confirmed && (0.5e-3..1.2e-3).contains(&fed_m), "tested once: {fed_m}");
 }
 
-/// Whether a search goes to the crest of a candidate so far ahead of the last tip, seen over some images of a sweep.
-fn goes_to_a_candidate(ahead_mm: f64, by_hand: bool) -> bool {
-    let mut servo = Servo::new(setup(View::Lateral));
-    let mut pose = Pose::identity();
-    for k in 0..80 {
-        let mut seen = Acquisition { base_from_probe: pose, feed_m_s: Some(0.0), ..acquisition(k) };
-        if by_hand {
-            (seen.depth_m, seen.feed_m_s) = (None, None);
-        }
-        let found = match k {
-            0..5 => estimate(TrackState::Tracking),
-            30..40 => Estimate {
-                tip_px: Some([319.5 + 6.0 * ahead_mm, 200.0 + 8.0 * ahead_mm]),
-                tip_level: Some(200.0 - 4.0 * (k as f64 - 35.0).abs()),
-                ..estimate(TrackState::Recovering)
-            },
-            _ => estimate(TrackState::Lost),
-        };
-        pose = servo.answer(&seen, &found).target_base_from_probe.expect("a target");
-        if let Mode::Search(search) = servo.mode()
-            && matches!(search.phase, Phase::Crest { .. })
-        {
-            return true;
-        }
-    }
-    false
-}
-
 #[test]
-fn a_hand_may_have_pushed_the_tip_on_while_it_was_lost() {
-    for (ahead_mm, measured, by_hand) in [
-        (5.0, true, true),
-        (12.0, false, true),
-        (-5.0, true, true),
-        (-7.0, false, false),
-        (17.0, false, false),
-    ] {
-        assert_eq!(goes_to_a_candidate(ahead_mm, false), measured, "{ahead_mm} mm ahead");
-        assert_eq!(goes_to_a_candidate(ahead_mm, true), by_hand, "{ahead_mm} mm ahead, by hand");
-    }
+fn a_lost_tip_is_sought_about_its_last_place_and_by_hand_where_it_may_have_been_pushed_on_to() {
+    let mut servo = Servo::new(setup(View::Lateral));
+    servo.answer(&acquisition(0), &estimate(TrackState::Tracking));
+    let measured = servo.guidance(&acquisition(1));
+    let by_hand = servo.guidance(&Acquisition { depth_m: None, feed_m_s: None, ..acquisition(1) });
+    let px_per_m = 1.0 / servo.setup.geometry.spacing_m;
+    let near_px = servo.setup.servo.candidate_reach_m * px_per_m;
+    assert_eq!([measured.reach_px, measured.unmeasured_px], [near_px, 0.0]);
+    assert_eq!([by_hand.reach_px, by_hand.unmeasured_px], [near_px, HAND_GOES_ON_M * px_per_m]);
 }

@@ -10,8 +10,9 @@ use answer::check_answer;
 use arbitrary::{Arbitrary, Unstructured};
 use libfuzzer_sys::fuzz_target;
 use sonoloop_tracker::{Checkpoint, Context, Tracker};
-use sonoloop_types::{Confirmation, 
-    Guess, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings, UpdateStrategy, Warp,
+use sonoloop_types::{
+    Confirmation, Disc, Guess, Image, Optimisation, Profile, Similarity, TrackState, TrackerSettings,
+    UpdateStrategy, Warp,
 };
 
 /// Settings in whole steps over a little more than their ranges; `None` keeps the profile's value.
@@ -111,16 +112,25 @@ struct Told {
     held: bool,
     axis_px: Option<[f32; 2]>,
     unmeasured_px: f32,
+    reach_px: Option<f32>,
+    refused: [f32; 3],
 }
 
 impl Told {
-    fn context(&self) -> Context {
+    fn refused(&self) -> Disc {
+        let [u, v, radius] = self.refused.map(f64::from);
+        Disc { centre_px: [u, v], radius_px: radius }
+    }
+
+    fn context<'a>(&self, refused: &'a [Disc]) -> Context<'a> {
         let wide = |pair: [f32; 2]| pair.map(f64::from);
         Context {
             motion_px: self.motion_px.map(wide),
             confirmation: if self.held { Confirmation::Held } else { Confirmation::Confirms },
             axis_px: self.axis_px.map(wide),
             unmeasured_px: self.unmeasured_px.into(),
+            reach_px: self.reach_px.map(f64::from),
+            refused,
         }
     }
 }
@@ -180,7 +190,7 @@ fuzz_target!(|data: &[u8]| {
                 continue;
             }
         };
-        let estimate = tracker.track(image, &told.context());
+        let estimate = tracker.track(image, &told.context(&[told.refused()]));
         check_answer(&settings, image, &estimate);
         if bytes.is_empty() {
             return;
