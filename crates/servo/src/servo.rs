@@ -135,21 +135,7 @@ impl Servo {
 
     /// What the tracker should know before it looks at the picture taken with `acquisition`.
     pub fn guidance(&self, acquisition: &Acquisition) -> Guidance {
-        let motion_px = self.state.last.and_then(|last| {
-            let fed_m = match (acquisition.depth_m, last.depth_m) {
-                (Some(now_m), Some(before_m)) => now_m - before_m,
-                _ => return None,
-            };
-            predict::motion_px(
-                self.setup.view,
-                &self.setup.geometry,
-                &self.setup.needle_axis_in_base,
-                last.tip_px,
-                &last.base_from_probe,
-                &acquisition.base_from_probe,
-                fed_m,
-            )
-        });
+        let motion_px = self.motion_px(acquisition);
         // Off the surface the picture shows the scanner's own ringing, which has tips enough.
         let confirmation = match &self.state.mode {
             _ if !self.in_contact(acquisition) => Confirmation::Held,
@@ -172,6 +158,32 @@ impl Servo {
         Guidance { motion_px, confirmation, axis_px, unmeasured_px, reach_px, refused }
     }
 
+    /// How the tip should have moved since the last picture, by what was measured.
+    fn motion_px(&self, acquisition: &Acquisition) -> Option<[f64; 2]> {
+        self.state.last.and_then(|last| {
+            let fed_m = match (acquisition.depth_m, last.depth_m) {
+                (Some(now_m), Some(before_m)) => now_m - before_m,
+                _ => return None,
+            };
+            predict::motion_px(
+                self.setup.view,
+                &self.setup.geometry,
+                &self.setup.needle_axis_in_base,
+                last.tip_px,
+                &last.base_from_probe,
+                &acquisition.base_from_probe,
+                fed_m,
+            )
+        })
+    }
+
+    /// Where the last believed tip is now, as far as that is known.
+    fn carried_px(&self, acquisition: &Acquisition) -> Option<[f64; 2]> {
+        let lateral = self.setup.view == View::Lateral;
+        let motion_px = self.motion_px(acquisition).filter(|_| lateral).unwrap_or_default();
+        self.state.last.map(|last| [last.tip_px[0] + motion_px[0], last.tip_px[1] + motion_px[1]])
+    }
+
     /// The command that answers a picture.
     pub fn answer(&mut self, acquisition: &Acquisition, estimate: &Estimate) -> Command {
         let first = self.state.held.is_none();
@@ -192,7 +204,7 @@ impl Servo {
         let in_contact = self.in_contact(acquisition);
         let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
         let shaft_below = self.least_tip_level(2.0);
-        let lateral = self.setup.view == View::Lateral;
+        let carried_px = self.carried_px(acquisition);
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
@@ -219,7 +231,9 @@ impl Servo {
                 let mut feed_m_s = 0.0;
                 if Jog::applies(&self.setup, acquisition) {
                     let ready = !search.holds_confirmation() && in_contact && !stands;
-                    let seen = Seen { setup: &self.setup, acquisition, time_s, remaining_m };
+                    // A search has lost a tip.
+                    let expected_px = carried_px.unwrap_or_default();
+                    let seen = Seen { setup: &self.setup, acquisition, time_s, expected_px, remaining_m };
                     let given_up;
                     (feed_m_s, given_up) = search.jog.advance(&seen, candidate_px.filter(|_| ready));
                     if given_up {
@@ -238,11 +252,8 @@ impl Servo {
         if let Some(mut tip_px) = estimate.tip_px {
             // A candidate is not the tip yet: until it is confirmed the last believed place counts, carried along by what probe and
             // needle have been measured to do.
-            if estimate.state == TrackState::Recovering
-                && let Some(last) = self.state.last
-            {
-                let motion_px = self.guidance(acquisition).motion_px.filter(|_| lateral).unwrap_or_default();
-                tip_px = [last.tip_px[0] + motion_px[0], last.tip_px[1] + motion_px[1]];
+            if estimate.state == TrackState::Recovering {
+                tip_px = carried_px.unwrap_or(tip_px);
             }
             self.state.last = Some(Last {
                 base_from_probe: acquisition.base_from_probe,

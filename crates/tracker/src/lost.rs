@@ -66,7 +66,7 @@ impl Sought<'_> {
     fn may_be_at(&self, at_px: [f64; 2]) -> bool {
         let Context { reach_px, refused, .. } = *self.context;
         reach_px.is_none_or(|reach_px| self.off_px(at_px) <= reach_px)
-            && !refused.iter().any(|disc| distance(at_px, disc.centre_px) <= disc.radius_px)
+            && !refused.iter().any(|disc| disc.contains(at_px))
     }
 
     /// The square that holds all places within reach: its middle, and half its side.

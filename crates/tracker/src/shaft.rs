@@ -17,26 +17,45 @@ const LEAST_RIDGE_LEVELS: f64 = 12.0;
 /// Share of the stronger of two ridges, ahead and behind, from which the other counts as the same shaft.
 const SAME_SHAFT: f64 = 0.5;
 
-/// A shaft bends: what lies behind is looked for in directions up to this many steps off the one that is told, to either side.
-const STEPS_OFF: i32 = 3;
-const STEP_RAD: f64 = 3.0 / 180.0 * core::f64::consts::PI;
+/// A shaft bends, and a candidate may lie beside its middle: lines are tried that are turned by up to so many steps off the
+/// direction that is told, to either side, and moved aside by so many pixels.
+const TURNS: i32 = 3;
+const TURN_RAD: f64 = 3.0 / 180.0 * core::f64::consts::PI;
+const ASIDE_PX: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
+const LINES: usize = (2 * TURNS + 1) as usize * ASIDE_PX.len();
+/// Share of the strongest ridge behind from which a line fits the shaft too.
+const FITS: f64 = 0.8;
 
-/// True when the shaft runs on beyond `at_px` along `axis_px` (unit vector from the entry to the tip, pixels), some degrees off at most.
-pub(crate) fn goes_on(image: &Image, at_px: [f64; 2], [u, v]: [f64; 2]) -> bool {
-    let mut straight = [u, v];
-    let mut behind = None;
-    for step in -STEPS_OFF..=STEPS_OFF {
-        let (sin, cos) = libm::sincos(f64::from(step) * STEP_RAD);
-        let turned = [cos * u - sin * v, sin * u + cos * v];
-        let ridge = ridge(image, at_px, [-turned[0], -turned[1]]);
-        if ridge > behind {
-            (straight, behind) = (turned, ridge);
+/// A place on a line, and its direction.
+type Line = [[f64; 2]; 2];
+
+/// True when the shaft runs on beyond `at_px` along `axis_px` (unit vector from the entry to the tip, pixels, some degrees off at
+/// most): ahead on one of the lines that fit what lies behind.
+pub(crate) fn goes_on(image: &Image, at_px: [f64; 2], axis_px: [f64; 2]) -> bool {
+    let lines = lines(at_px, axis_px);
+    let behind = lines.map(|[from_px, [u, v]]| ridge(image, from_px, [-u, -v]));
+    let strongest = behind.iter().copied().flatten().reduce(f64::max);
+    let ahead = match strongest {
+        Some(strongest) => {
+            let fitting =
+                lines.iter().zip(behind).filter(|(_, behind)| behind.is_some_and(|b| b >= FITS * strongest));
+            fitting.filter_map(|(&[from_px, along], _)| ridge(image, from_px, along)).reduce(f64::max)
         }
-    }
-    let ahead = ridge(image, at_px, straight);
+        None => ridge(image, at_px, axis_px),
+    };
     let Some(ahead) = ahead.filter(|&ahead| ahead > LEAST_RIDGE_LEVELS) else { return false };
     // A shaft lies behind the place too, where that can be seen: a ridge ahead alone is speckle.
-    behind.is_none_or(|behind| ahead > SAME_SHAFT * behind && behind > SAME_SHAFT * ahead)
+    strongest.is_none_or(|behind| ahead > SAME_SHAFT * behind && behind > SAME_SHAFT * ahead)
+}
+
+/// What may be the shaft's line, near a place and a direction.
+fn lines(at_px: [f64; 2], [u, v]: [f64; 2]) -> [Line; LINES] {
+    core::array::from_fn(|line| {
+        let (sin, cos) = libm::sincos((line as i32 / ASIDE_PX.len() as i32 - TURNS) as f64 * TURN_RAD);
+        let along = [cos * u - sin * v, sin * u + cos * v];
+        let aside_px = ASIDE_PX[line % ASIDE_PX.len()];
+        [[at_px[0] - aside_px * along[1], at_px[1] + aside_px * along[0]], along]
+    })
 }
 
 /// Mean grey level along the axis less that of the brighter one of the strips beside it; `None` where most lies outside the picture.
@@ -122,6 +141,16 @@ mod tests {
         let axis = [std::f64::consts::FRAC_1_SQRT_2; 2];
         assert!(!goes_on(&image, [100.0, 100.0], axis));
         assert!(goes_on(&image, [60.0, 60.0], axis));
+    }
+
+    #[test]
+    fn a_bead_beside_the_middle_of_the_shaft_is_told_too() {
+        let axis = [std::f64::consts::FRAC_1_SQRT_2; 2];
+        for aside_px in [-2.0, -1.0, 1.0, 2.0] {
+            let beside = |along: f64| [along - aside_px * axis[1], along + aside_px * axis[0]];
+            assert!(goes_on(&needle(), beside(60.0), axis), "{aside_px}");
+            assert!(!goes_on(&needle(), beside(100.0), axis), "{aside_px}");
+        }
     }
 
     #[test]

@@ -44,7 +44,8 @@ pub struct Context<'a> {
     pub axis_px: Option<[f64; 2]>,
     /// How far the tip may have gone on along `axis_px` while it was lost, beyond the measured motion, pixels: a hand pushes on.
     pub unmeasured_px: f64,
-    /// How far from where it is expected, or from that way, a lost tip is sought, pixels; `None`: everywhere.
+    /// How far from where it is expected, or from that way, a lost tip is sought, pixels; `None`, or not finite:
+    /// everywhere.
     pub reach_px: Option<f64>,
     /// Where a lost tip is not, whatever it looks like there.
     pub refused: &'a [Disc],
@@ -214,8 +215,11 @@ impl Tracker {
     pub fn track(&mut self, image: &Image, context: &Context) -> Estimate {
         let sane = |motion: &[f64; 2]| motion.iter().all(|c| c.abs() <= MAX_MOTION_PX);
         let motion_px = context.motion_px.filter(sane);
-        let context =
-            &Context { axis_px: context.axis_px.filter(|a| a.iter().all(|c| c.abs() <= 1.0)), ..*context };
+        let context = &Context {
+            axis_px: context.axis_px.filter(|a| a.iter().all(|c| c.abs() <= 1.0)),
+            reach_px: context.reach_px.filter(|reach| reach.is_finite()),
+            ..*context
+        };
         let estimate = if !is_sound(image) || image.width_px.min(image.height_px) < self.settings.template_px
         {
             self.declare_lost(Reason::OutOfImage, motion_px, None, 0)

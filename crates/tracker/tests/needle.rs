@@ -145,11 +145,33 @@ fn a_lost_tip_is_not_sought_beyond_its_reach_nor_where_it_was_refused() {
     assert!(finds(&Context { reach_px: Some(55.0), ..still }), "50 px are within reach");
     assert!(!finds(&Context { reach_px: Some(45.0), ..still }));
     // On the way there it may have gone on.
-    let along = Some([0.6, 0.8]);
-    assert!(finds(&Context { reach_px: Some(45.0), axis_px: along, unmeasured_px: 20.0, ..still }));
+    let pushed = |unmeasured_px| Context { axis_px: Some([0.6, 0.8]), unmeasured_px, ..still };
+    assert!(finds(&Context { reach_px: Some(45.0), ..pushed(20.0) }));
     let refused = [disc(tip, 15.0), disc(elsewhere, 15.0)];
     assert!(!finds(&Context { refused: &refused, ..still }));
     assert!(finds(&Context { refused: &[disc(beside, 8.0)], ..still }), "another place");
+}
+
+#[test]
+fn a_tip_that_was_pushed_on_is_sought_all_along_its_way() {
+    let mut scene = NeedleScene::new(73, 0.3, 0.9);
+    let (tip, _) = scene.path();
+    let along = [0.6, 0.8];
+    let context = Context {
+        motion_px: Some([0.0; 2]),
+        axis_px: Some(along),
+        unmeasured_px: 100.0,
+        reach_px: Some(60.0),
+        ..Context::default()
+    };
+    for (ahead_px, within) in [(120.0, true), (150.0, true), (170.0, false), (-50.0, true), (-70.0, false)] {
+        let elsewhere = [tip[0] + along[0] * ahead_px, tip[1] + along[1] * ahead_px];
+        let mut tracker =
+            Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
+        tracker.track(&scene.image(tip, 0.0), &context);
+        let mut seen = (0..20).map(|_| tracker.track(&scene.image(elsewhere, 1.0), &context).state);
+        assert_eq!(seen.any(|state| state == TrackState::Tracking), within, "{ahead_px} px ahead");
+    }
 }
 
 #[test]
@@ -162,7 +184,8 @@ fn a_candidate_that_is_refused_gives_way_to_the_tip() {
     let mut tracker =
         Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
     tracker.track(&scene.image(tip, 0.0), &held);
-    while tracker.track(&scene.image(decoy, 1.0), &held).state != TrackState::Recovering {}
+    let mut seen = (0..20).map(|_| tracker.track(&scene.image(decoy, 1.0), &held).state);
+    assert!(seen.any(|state| state == TrackState::Recovering));
     let mut both = scene.image(decoy, 1.0);
     let there = scene.image(tip, 1.0);
     let brightest = both.pixels.iter().zip(&there.pixels).map(|(a, b)| *a.max(b)).collect();

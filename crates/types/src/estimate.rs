@@ -94,12 +94,3 @@ impl Estimate {
         }
     }
 }
-
-/// A part of a picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Disc {
-    /// Its middle (u, v), pixels.
-    pub centre_px: [f64; 2],
-    /// How far it reaches, pixels.
-    pub radius_px: f64,
-}

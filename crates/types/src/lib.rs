@@ -6,6 +6,7 @@
 
 mod acquisition;
 mod command;
+mod disc;
 mod drag;
 mod estimate;
 mod event;
@@ -22,8 +23,9 @@ mod truth;
 
 pub use acquisition::{Acquisition, ArmStatus, CommandReceipt, Refusal};
 pub use command::{Command, EndReason};
+pub use disc::Disc;
 pub use drag::Drag;
-pub use estimate::{Confirmation, Disc, Estimate, Reason, TrackState};
+pub use estimate::{Confirmation, Estimate, Reason, TrackState};
 pub use event::{Event, EventKind};
 pub use geometry::{ImageGeometry, View};
 pub use image::Image;

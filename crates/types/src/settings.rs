@@ -245,8 +245,8 @@ pub struct ServoSettings {
     pub confirm_s: f64,
     /// A candidate has passed its brightest when it fell by this many grey levels.
     pub crest_levels: f64,
-    /// In the picture a lost tip is sought no farther than this from where it should be by its last place and the measured motion; in
-    /// a hand, which may push on by 10 mm, no farther than this from that way.
+    /// In the picture a lost tip is sought no farther than this from its last place, carried along by the measured motion. In a
+    /// hand, whose way is not measured, from all that lies up to 10 mm ahead of its last place (lateral views).
     pub candidate_reach_m: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way
     /// when a picture is delayed comes on top); 0: they are believed without.

@@ -24,8 +24,10 @@ const PATIENCE: f64 = 2.0;
 const PATIENCE_S: f64 = 0.5;
 /// A needle that was fed as long as that and went less far is blocked: nothing can be told by it.
 const BLOCKED_M: f64 = 0.1e-3;
-/// Where the target leaves no room for a test a candidate must be this near to where the needle's depth has the tip.
-const NEAR_M: f64 = 1e-3;
+/// Where the target leaves less room than this for a test …
+const LEAST_ROOM_M: f64 = 0.4e-3;
+/// … a candidate must be this near to where probe and needle have been measured to bring the tip.
+const NEAR_M: f64 = 0.5e-3;
 
 /// The candidate under test, when the test began.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -67,7 +69,9 @@ pub struct Seen<'a> {
     pub acquisition: &'a Acquisition,
     /// Time of the picture.
     pub time_s: f64,
-    /// Way to the target from the last believed tip, by the measured depth.
+    /// Where the last believed tip is now, by what probe and needle have been measured to do.
+    pub expected_px: [f64; 2],
+    /// Way to the target from there.
     pub remaining_m: f64,
 }
 
@@ -100,7 +104,7 @@ impl Jog {
     /// Takes every picture of the search; `px` is the candidate where one may be tested, the plane standing still. Returns the
     /// feed, and whether the candidate was given up just now.
     pub fn advance(&mut self, seen: &Seen, px: Option<[f64; 2]>) -> (f64, bool) {
-        let Seen { setup, acquisition, time_s, remaining_m } = *seen;
+        let Seen { setup, acquisition, time_s, expected_px, remaining_m } = *seen;
         let depth_m = acquisition.depth_m.unwrap_or(0.0);
         if let Some(last_m) = &mut self.last_depth_m {
             self.spent_m += (depth_m - *last_m).max(0.0);
@@ -110,11 +114,10 @@ impl Jog {
             self.stop();
             return (0.0, false);
         };
-        let seen_in_base = acquisition.base_from_probe * setup.geometry.probe_from_px(px);
         let Some(start) = self.start else {
-            if remaining_m < STAYS_M {
-                // No room for a test just before the target: the depth has to do.
-                self.goes = (feed::remaining_m(setup, &seen_in_base) - remaining_m).abs() < NEAR_M;
+            if remaining_m - setup.servo.arrived_m < LEAST_ROOM_M {
+                let off_px = (px[0] - expected_px[0]).hypot(px[1] - expected_px[1]);
+                self.goes = off_px * setup.geometry.spacing_m < NEAR_M;
                 return (0.0, false);
             }
             self.goes = false;
@@ -136,14 +139,16 @@ impl Jog {
             _ if self.goes => {}
             Verdict::Goes => self.goes = true,
             Verdict::Stays => {
-                self.refused.push(start.base_from_probe * setup.geometry.probe_from_px(start.px));
-                self.stop();
+                self.give_up(setup, &start);
                 return (0.0, true);
             }
             Verdict::Unknown if time_s - start.time_s > patience_s(seen) => {
                 // Before a needle that is blocked every candidate stands still.
                 self.goes = fed_m < BLOCKED_M && !self.spent(seen);
-                if !self.goes {
+                if fed_m >= GOES_M {
+                    self.give_up(setup, &start);
+                    return (0.0, true);
+                } else if !self.goes {
                     self.stop();
                     return (0.0, true);
                 }
@@ -152,6 +157,12 @@ impl Jog {
         }
         let feed_m_s = if fed_m < BLOCKED_M && self.goes { 0.0 } else { self.feed_m_s(seen) };
         (feed_m_s, false)
+    }
+
+    /// Ends a test of what is not the tip.
+    fn give_up(&mut self, setup: &Setup, start: &Start) {
+        self.refused.push(start.base_from_probe * setup.geometry.probe_from_px(start.px));
+        self.stop();
     }
 
     /// Ends a test without a verdict.
@@ -226,15 +237,22 @@ mod tests {
         /// Nothing moves the needle.
         blocked: bool,
         remaining_m: f64,
+        expected_px: [f64; 2],
     }
 
-    const CASE: Case =
-        Case { px: [300.0, 150.0], carries: 1.0, delays: [0, 0], blocked: false, remaining_m: 20e-3 };
+    const CASE: Case = Case {
+        px: [300.0, 150.0],
+        carries: 1.0,
+        delays: [0, 0],
+        blocked: false,
+        remaining_m: 20e-3,
+        expected_px: [300.0, 150.0],
+    };
 
     /// Tests a candidate until there is a verdict and the needle stands: the needle's way, and whether the candidate went along
     /// (`None` without a test that ended).
     fn test(jog: &mut Jog, setup: &Setup, case: Case) -> (f64, Option<bool>) {
-        let Case { px, carries, delays: [command, image], blocked, remaining_m } = case;
+        let Case { px, carries, delays: [command, image], blocked, remaining_m, expected_px } = case;
         let mut commanded = vec![0.0; command];
         let mut ways_m = vec![0.0];
         let mut found = None;
@@ -256,6 +274,7 @@ mod tests {
                 setup,
                 acquisition: &shown,
                 time_s: PERIOD_S * k as f64,
+                expected_px,
                 remaining_m: remaining_m - way_m,
             };
             let (fed, given_up) = jog.advance(&seen, Some(px).filter(|_| found.is_none()));
@@ -281,9 +300,8 @@ mod tests {
                 assert_eq!(found, Some(goes), "{carries}, {delays:?}");
                 let late_m = PERIOD_S * SPEED_M_S * (delays[0] + delays[1]) as f64;
                 assert!(way_m <= STAYS_M + late_m + PERIOD_S * SPEED_M_S + 1e-9, "{way_m}");
-                let refuses = |shown: &Acquisition, [u, v]: [f64; 2]| {
-                    let within = |d: &Disc| (d.centre_px[0] - u).hypot(d.centre_px[1] - v) <= d.radius_px;
-                    jog.refused(&setup, shown).iter().any(within)
+                let refuses = |shown: &Acquisition, px: [f64; 2]| {
+                    jog.refused(&setup, shown).iter().any(|disc| disc.contains(px))
                 };
                 assert_eq!(refuses(&acquisition(9), [302.0, 152.0]), !goes);
                 assert!(!refuses(&acquisition(9), [320.0, 150.0]), "another thing");
@@ -320,16 +338,32 @@ mod tests {
     }
 
     #[test]
-    fn just_before_the_target_the_depth_decides() {
+    fn just_before_the_target_the_place_decides() {
         let setup = setup(View::Lateral);
-        let target_px = setup.geometry.px_from_probe(&setup.target_in_base);
-        let before = Case { px: [target_px[0], target_px[1] - 4.0], remaining_m: 0.5e-3, ..CASE };
+        let before = Case { remaining_m: 0.5e-3, ..CASE };
         assert_eq!(test(&mut Jog::default(), &setup, before), (0.0, Some(true)));
-        let elsewhere = Case { px: [target_px[0], target_px[1] - 40.0], ..before };
-        assert_eq!(test(&mut Jog::default(), &setup, elsewhere), (0.0, None));
-        // Beyond the target, while the needle is well before it: tested as any other.
-        let beyond = Case { px: [target_px[0], target_px[1] + 40.0], carries: 0.0, ..CASE };
+        // Along the needle, and beside it.
+        for off_px in [[3.6, 4.8], [-4.8, 3.6]] {
+            let px = [CASE.px[0] + off_px[0], CASE.px[1] + off_px[1]];
+            assert_eq!(test(&mut Jog::default(), &setup, Case { px, ..before }), (0.0, None), "{off_px:?}");
+        }
+        // Elsewhere, while the needle is well before its target: tested as any other.
+        let beyond = Case { px: [340.0, 150.0], carries: 0.0, ..CASE };
         assert_eq!(test(&mut Jog::default(), &setup, beyond).1, Some(false));
+    }
+
+    #[test]
+    fn what_room_there_is_before_the_target_is_used() {
+        let setup = setup(View::Lateral);
+        for (carries, goes) in [(1.0, true), (0.0, false)] {
+            let mut jog = Jog::default();
+            let (way_m, found) = test(&mut jog, &setup, Case { carries, remaining_m: 0.7e-3, ..CASE });
+            assert!(
+                found == Some(goes) && (GOES_M..=0.6e-3).contains(&way_m),
+                "{carries}: {found:?}, {way_m}"
+            );
+            assert_eq!(jog.refused.len(), usize::from(!goes));
+        }
     }
 
     #[test]
@@ -345,8 +379,13 @@ mod tests {
         let mut jog = Jog::default();
         let mut look = |k: u64, depth_m: f64, px: [f64; 2]| {
             let shown = Acquisition { depth_m: Some(depth_m), feed_m_s: Some(0.0), ..acquisition(k) };
-            let seen =
-                Seen { setup: &setup, acquisition: &shown, time_s: PERIOD_S * k as f64, remaining_m: 20e-3 };
+            let seen = Seen {
+                setup: &setup,
+                acquisition: &shown,
+                time_s: PERIOD_S * k as f64,
+                expected_px: px,
+                remaining_m: 20e-3,
+            };
             let (feed_m_s, given_up) = jog.advance(&seen, Some(px));
             assert!(!given_up);
             (feed_m_s > 0.0, jog.goes())

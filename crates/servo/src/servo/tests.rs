@@ -174,12 +174,10 @@ fn search_past_a_candidate(carries: f64) -> (bool, f64) {
             break;
         }
         let way_px = carries * fed_m / servo.setup.geometry.spacing_m;
-        let [u, v] = [319.5 + 0.6 * way_px, 200.0 + 0.8 * way_px];
-        let refused = servo.guidance(&seen).refused;
-        let refuses = |disc: &Disc| (disc.centre_px[0] - u).hypot(disc.centre_px[1] - v) <= disc.radius_px;
-        let visible = visible && !refused.iter().any(refuses);
+        let px = [319.5 + 0.6 * way_px, 200.0 + 0.8 * way_px];
+        let visible = visible && !servo.guidance(&seen).refused.iter().any(|disc| disc.contains(px));
         let said = Estimate {
-            tip_px: Some([u, v]),
+            tip_px: Some(px),
             tip_level: Some(200.0 - 1e8 * aside_m * aside_m),
             ..estimate(if visible { TrackState::Recovering } else { TrackState::Lost })
         };
