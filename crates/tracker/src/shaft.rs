@@ -3,6 +3,9 @@
 //! Blurred and narrowly weighted, a bead of the shaft looks much like the tip to any correlation. What tells them
 //! apart lies outside the template: along the needle's direction a ridge stands ahead of a bead, and not ahead of a
 //! tip. The direction comes from nominal calibrations, so it may be some degrees off.
+//!
+//! Of rendered needles (the paper's lateral 02 to 05, 10, 13 and 16, two seeds each), places moved onto the brightest spot near by: a tip is
+//! taken for a bead in under 1 of 1000, a bead is told 8 px behind the tip in 46 %, at 16 to 20 px in 77 to 85 %, from 30 px on in 93 to 99.
 
 use sonoloop_types::Image;
 
