@@ -214,8 +214,10 @@ impl Tracker {
         };
         let alike = Hysteresis::accepts(&self.settings, &view);
         let axis_px = sought.context.axis_px.filter(|_| asks_shaft);
-        let is_tip = axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
-        let accepted = alike && is_tip && sought.may_be_at(at_px) && distance(start_px, at_px) < MAX_MOVE_PX;
+        let accepted = alike
+            && sought.may_be_at(at_px)
+            && distance(start_px, at_px) < MAX_MOVE_PX
+            && axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
         let scored = sought.scored(at_px, view, Some(end.conditioning), accepted);
         better(Some(scored), Some(rejected))
     }

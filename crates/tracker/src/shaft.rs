@@ -184,6 +184,25 @@ mod tests {
     }
 
     #[test]
+    fn a_streak_ahead_in_another_direction_than_the_shaft_is_none() {
+        // It comes in at 52°; the streak goes on at 33°.
+        let tip = [100.0, 100.0];
+        let [along, streak] =
+            [52.0_f64, 33.0].map(|degrees| [degrees.to_radians().cos(), degrees.to_radians().sin()]);
+        let mut image = Image::black(200, 200);
+        for (index, pixel) in image.pixels.iter_mut().enumerate() {
+            let off = [(index % 200) as f64 - tip[0], (index / 200) as f64 - tip[1]];
+            let beside = |[u, v]: [f64; 2]| (off[0] * v - off[1] * u).abs() <= 1.5;
+            let ahead = off[0] * streak[0] + off[1] * streak[1];
+            *pixel = if ahead < 0.0 && beside(along) { 130 } else { 90 };
+            if ahead >= 8.0 && beside(streak) {
+                *pixel = 120;
+            }
+        }
+        assert!(!goes_on(&image, tip, [core::f64::consts::FRAC_1_SQRT_2; 2]));
+    }
+
+    #[test]
     fn nothing_outside_the_picture_is_touched() {
         for at in [[-50.0, -50.0], [0.0, 0.0], [199.0, 199.0], [1e9, 1e9]] {
             goes_on(&needle(), at, [1.0, 0.0]);

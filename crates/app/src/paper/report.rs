@@ -65,11 +65,6 @@ fn differences() -> Section {
             "Lateral sequences alone. In a transverse view the plane follows the tip by the measured depth, which a hand does not give: \
              tried with ten seeds in gelatin-agar, no run came to its target.",
         ),
-        (
-            "Decoys",
-            "In agar full of threads and wires a tip that was lost is taken for one of them with some seeds; lateral_05's file \
-             tells how often.",
-        ),
     ];
     let terms = terms.map(|(term, text)| (term.to_owned(), text.to_owned())).into();
     Section::new("What differs from the paper", vec![Block::Terms(terms)])

@@ -24,8 +24,9 @@ const PATIENCE: f64 = 2.0;
 const PATIENCE_S: f64 = 0.5;
 /// A needle that was fed as long as that and went less far is blocked: nothing can be told by it.
 const BLOCKED_M: f64 = 0.1e-3;
-/// Where the target leaves less room than this for a test …
+/// Where the target leaves less room than this for a test, or so near lets the needle be fed at less than this share of a test's speed …
 const LEAST_ROOM_M: f64 = 0.4e-3;
+const LEAST_SPEED: f64 = 0.2;
 /// … a candidate must be this near to where probe and needle have been measured to bring the tip.
 const NEAR_M: f64 = 0.5e-3;
 
@@ -104,7 +105,7 @@ impl Jog {
     /// Takes every picture of the search; `px` is the candidate where one may be tested, the plane standing still. Returns the
     /// feed, and whether the candidate was given up just now.
     pub fn advance(&mut self, seen: &Seen, px: Option<[f64; 2]>) -> (f64, bool) {
-        let Seen { setup, acquisition, time_s, expected_px, remaining_m } = *seen;
+        let Seen { setup, acquisition, time_s, expected_px, .. } = *seen;
         let depth_m = acquisition.depth_m.unwrap_or(0.0);
         if let Some(last_m) = &mut self.last_depth_m {
             self.spent_m += (depth_m - *last_m).max(0.0);
@@ -115,7 +116,7 @@ impl Jog {
             return (0.0, false);
         };
         let Some(start) = self.start else {
-            if remaining_m - setup.servo.arrived_m < LEAST_ROOM_M {
+            if !has_room(seen) {
                 let off_px = (px[0] - expected_px[0]).hypot(px[1] - expected_px[1]);
                 self.goes = off_px * setup.geometry.spacing_m < NEAR_M;
                 return (0.0, false);
@@ -139,16 +140,18 @@ impl Jog {
             _ if self.goes => {}
             Verdict::Goes => self.goes = true,
             Verdict::Stays => {
-                self.give_up(setup, &start);
+                self.remember(setup, &start);
+                self.stop();
                 return (0.0, true);
             }
             Verdict::Unknown if time_s - start.time_s > patience_s(seen) => {
                 // Before a needle that is blocked every candidate stands still.
                 self.goes = fed_m < BLOCKED_M && !self.spent(seen);
-                if fed_m >= GOES_M {
-                    self.give_up(setup, &start);
-                    return (0.0, true);
-                } else if !self.goes {
+                if !self.goes {
+                    // There was no room, or no time, for a whole test.
+                    if fed_m >= GOES_M {
+                        self.remember(setup, &start);
+                    }
                     self.stop();
                     return (0.0, true);
                 }
@@ -159,10 +162,9 @@ impl Jog {
         (feed_m_s, false)
     }
 
-    /// Ends a test of what is not the tip.
-    fn give_up(&mut self, setup: &Setup, start: &Start) {
+    /// Remembers what did not go along.
+    fn remember(&mut self, setup: &Setup, start: &Start) {
         self.refused.push(start.base_from_probe * setup.geometry.probe_from_px(start.px));
-        self.stop();
     }
 
     /// Ends a test without a verdict.
@@ -186,9 +188,20 @@ impl Jog {
     }
 }
 
+fn test_speed_m_s(setup: &Setup) -> f64 {
+    SPEED_M_S.min(setup.servo.feed_m_s).min(setup.limits.max_feed_m_s)
+}
+
+/// Whether the needle can still be fed as far as a test needs, and as fast.
+fn has_room(seen: &Seen) -> bool {
+    let Seen { setup, acquisition, remaining_m, .. } = *seen;
+    let feed_m_s = feed::feed_m_s(setup, remaining_m, 0.0, acquisition.depth_m);
+    remaining_m - setup.servo.arrived_m >= LEAST_ROOM_M && feed_m_s >= LEAST_SPEED * test_speed_m_s(setup)
+}
+
 /// The longest that a test may take.
 fn patience_s(seen: &Seen) -> f64 {
-    let speed_m_s = SPEED_M_S.min(seen.setup.servo.feed_m_s);
+    let speed_m_s = test_speed_m_s(seen.setup);
     PATIENCE * (STAYS_M / speed_m_s + feed::age_s(seen.setup, seen.acquisition)) + PATIENCE_S
 }
 
@@ -350,6 +363,16 @@ mod tests {
         // Elsewhere, while the needle is well before its target: tested as any other.
         let beyond = Case { px: [340.0, 150.0], carries: 0.0, ..CASE };
         assert_eq!(test(&mut Jog::default(), &setup, beyond).1, Some(false));
+    }
+
+    #[test]
+    fn an_approach_that_is_too_slow_for_a_test_leaves_it_to_the_place() {
+        let mut setup = setup(View::Lateral);
+        setup.servo.approach_m = 40e-3;
+        let slow = Case { remaining_m: 1.0e-3, ..CASE };
+        assert_eq!(test(&mut Jog::default(), &setup, slow), (0.0, Some(true)));
+        let px = [CASE.px[0] + 8.0, CASE.px[1]];
+        assert_eq!(test(&mut Jog::default(), &setup, Case { px, ..slow }), (0.0, None));
     }
 
     #[test]
