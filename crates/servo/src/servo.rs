@@ -10,7 +10,7 @@ use crate::along::{Along, Lead};
 use crate::feed;
 use crate::hold::Hold;
 use crate::predict;
-use crate::search::{self, Jog, Offset, Search, Seen};
+use crate::search::{self, Candidate, Jog, Offset, Search, Seen};
 
 /// A contact force below this share of the one at the start means that the probe is off the surface.
 const CONTACT_SHARE: f64 = 0.2;
@@ -221,7 +221,8 @@ impl Servo {
                         time_s,
                         dt_s,
                         measured,
-                        candidate: candidate_px.is_some(),
+                        candidate: candidate_px
+                            .map(|px| Candidate { px, likeness: estimate.ncc_anchor.unwrap_or(-1.0) }),
                         level: estimate.tip_level,
                         in_contact,
                         arm_obeys: !stands,

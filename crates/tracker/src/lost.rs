@@ -114,6 +114,8 @@ impl Tracker {
             let reach_px = NEAR_PX + NEAR_GROWTH_PX * f64::from(widened);
             let peaks = self.search.peaks(image, Some((centre_px, reach_px)));
             best = self.score_all(image, &sought, peaks, &mut iterations);
+            // The coarse search knows no contrast: a bright tip may not be among its best, so where it should be is looked at anyway.
+            best = better(best, self.score(image, &sought, true, centre_px, &mut iterations));
         }
         // What was seen near the last tip is reported even when it is rejected: over a sweep in elevation its
         // correlation rises towards the tip's plane.

@@ -197,6 +197,41 @@ fn a_candidate_that_is_refused_gives_way_to_the_tip() {
 }
 
 #[test]
+fn a_tip_where_it_should_be_is_found_among_many_that_are_likelier() {
+    let mut scene = NeedleScene::new(74, 0.3, 0.45);
+    let (tip, _) = scene.path();
+    let first = scene.image(tip, 1.0);
+    let mut tracker = Tracker::new(robust(Similarity::Scv), &first, tip).expect("a sound image");
+    let still = Context { motion_px: Some([0.0; 2]), ..Context::default() };
+    for _ in 0..10 {
+        tracker.track(&scene.image(tip, 0.0), &still);
+    }
+    assert_eq!(tracker.state(), TrackState::Lost);
+    // Copies of the first tip to all sides of a fainter view of it.
+    let mut image = scene.image(tip, 0.6);
+    let middle = tip.map(|c| c.round() as i32);
+    let steps: Vec<[i32; 2]> = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [36 * i, 36 * j])).collect();
+    let copies = steps.into_iter().filter(|step| *step != [0, 0]);
+    let refused: Vec<_> = copies
+        .map(|[du, dv]| {
+            for v in middle[1] - 20..=middle[1] + 20 {
+                for u in middle[0] - 20..=middle[0] + 20 {
+                    let [to, from] = [[u + du, v + dv], [u, v]]
+                        .map(|[u, v]| v as usize * image.width_px as usize + u as usize);
+                    image.pixels[to] = first.pixels[from];
+                }
+            }
+            Disc { centre_px: [tip[0] + f64::from(du), tip[1] + f64::from(dv)], radius_px: 15.0 }
+        })
+        .collect();
+    let context = Context { refused: &refused, ..still };
+    for _ in 0..3 {
+        let found = tracker.track(&image, &context);
+        assert!(found.state != TrackState::Lost && distance(found.tip_px.expect("a tip"), tip) < 2.0);
+    }
+}
+
+#[test]
 fn the_naive_update_drifts_more_than_the_corrected_one() {
     let mut late_px = [0.0; 2];
     for seed in [101, 102, 103] {

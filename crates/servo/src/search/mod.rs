@@ -18,8 +18,10 @@ use pattern::{Axis, waypoint};
 
 /// The time of looking after a restart of the tracker: the needle went on unseen, and all within reach is searched.
 const LOOK_AFTER_RESTART_S: f64 = 1.0;
-/// Pictures without a candidate that end a crest.
+/// Pictures beyond a crest's brightest without its candidate that end it.
 const GAP_IMAGES: u32 = 2;
+/// What lies farther than this from a crest's candidate in the picture is another one.
+const SAME_PX: f64 = 10.0;
 
 /// What the search is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -86,6 +88,8 @@ pub struct Search {
     began_s: f64,
     travel_m: f64,
     crest: Vec<Sample>,
+    /// The candidate that the crest is of: where it was seen last, and as it was likest to the tip.
+    crest_of: Candidate,
     /// Levels beside a candidate's own count; no more once a crest was not confirmed.
     levels_count: bool,
     /// The candidate was brightest where it came into sight, and is followed the other way.
@@ -94,6 +98,15 @@ pub struct Search {
     last: Option<Offset>,
     /// Tests of its candidates.
     pub jog: Jog,
+}
+
+/// What may be the tip.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Candidate {
+    /// Where in the picture.
+    pub px: [f64; 2],
+    /// NCC with the first template.
+    pub likeness: f64,
 }
 
 /// What the search is told with each picture.
@@ -105,8 +118,8 @@ pub struct View {
     pub dt_s: f64,
     /// Measured offset of the plane from where the tip was lost.
     pub measured: Offset,
-    /// A candidate for the tip was seen, near enough to the last believed place.
-    pub candidate: bool,
+    /// The candidate for the tip that was seen.
+    pub candidate: Option<Candidate>,
     /// Its grey level, or that of what was likest to the tip.
     pub level: Option<f64>,
     /// False while the contact force says that the probe is off the surface.
@@ -142,6 +155,7 @@ impl Search {
             began_s: time_s,
             travel_m: 0.0,
             crest: Vec::new(),
+            crest_of: Candidate::default(),
             levels_count: true,
             crest_reversed: false,
             gap_images: 0,
@@ -190,7 +204,7 @@ impl Search {
         }
         let spent = view.time_s - self.began_s > settings.max_search_s
             || self.travel_m > settings.max_search_travel_m;
-        let candidate = view.candidate;
+        let candidate = view.candidate.is_some();
         self.bright =
             candidate && self.least_level.is_some_and(|least| view.level.is_some_and(|level| level >= least));
         match self.phase {
@@ -203,15 +217,35 @@ impl Search {
             _ if spent => self.phase = Phase::NotFound,
             // The force controller takes the press back; until then the plane stands still, and the time counts.
             _ if view.pressed_hard => {}
-            Phase::Sweep => self.sweep(settings, view, candidate),
+            Phase::Sweep => self.sweep(settings, view),
             Phase::Crest { at, arrived_s } => self.wait_at_crest(settings, view, candidate, at, arrived_s),
         }
     }
 
-    fn sweep(&mut self, settings: &ServoSettings, view: &View, candidate: bool) {
+    /// Whether the candidate in sight belongs to the crest. One that lies elsewhere does not, and begins a crest of its own if it is
+    /// likelier the tip.
+    fn takes(&mut self, candidate: Candidate) -> bool {
+        let [u, v] = [0, 1].map(|axis| candidate.px[axis] - self.crest_of.px[axis]);
+        let same = u.hypot(v) <= SAME_PX;
+        if self.crest.is_empty() || (!same && candidate.likeness > self.crest_of.likeness) {
+            self.crest.clear();
+            self.crest_reversed = false;
+            self.crest_of = candidate;
+        } else if same {
+            let likeness = candidate.likeness.max(self.crest_of.likeness);
+            self.crest_of = Candidate { likeness, ..candidate };
+        } else {
+            return false;
+        }
+        true
+    }
+
+    fn sweep(&mut self, settings: &ServoSettings, view: &View) {
         let at = view.measured.along(self.axis);
+        let candidate = view.candidate.is_some_and(|candidate| self.takes(candidate));
         // What grows brighter than the candidate that began a crest belongs to it, though the tracker refuses it for its looks.
         let brighter = self.levels_count
+            && view.candidate.is_none()
             && brightest(&self.crest).is_some_and(|best| view.level.is_some_and(|l| l > best.level));
         if candidate || brighter {
             self.gap_images = 0;
@@ -224,6 +258,9 @@ impl Search {
             // brightest where it came into sight: turned back from, it would be taken for a crest at its edge.
             let along = if self.crest_reversed { -self.heading } else { self.heading };
             let beyond = (at - best.at) * along > 0.0;
+            if !beyond {
+                self.gap_images = 0;
+            }
             let dim = self.crest.last().is_some_and(|s| s.level < best.level - settings.crest_levels);
             let passed = beyond && (dim || self.gap_images >= GAP_IMAGES);
             let end = along * self.reach(settings);
@@ -333,13 +370,15 @@ mod tests {
     use super::*;
     use crate::servo::tests::settings;
 
+    const TIP: Candidate = Candidate { px: [300.0, 150.0], likeness: 0.95 };
+
     /// A picture at `time_s` without a candidate, with the plane where it was sent and nothing amiss.
     fn empty(search: &Search, time_s: f64) -> View {
         View {
             time_s,
             dt_s: 0.04,
             measured: search.commanded,
-            candidate: false,
+            candidate: None,
             level: None,
             in_contact: true,
             arm_obeys: true,
@@ -359,7 +398,7 @@ mod tests {
             farthest_m = farthest_m.max(search.commanded.elevation_m.abs());
             let seen = e.abs() < half_width_m && search.commanded.yaw_rad.abs() < 1e-3;
             let level = Some(200.0 - 40.0 * (e / half_width_m).powi(2));
-            let view = View { candidate: seen, level, ..empty(&search, time_s) };
+            let view = View { candidate: seen.then_some(TIP), level, ..empty(&search, time_s) };
             search.advance(&settings, &view);
             if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
                 break;
@@ -391,6 +430,7 @@ mod tests {
                 let e = search.commanded.elevation_m - tip_m;
                 let level = Some(120.0 - 40.0 * (e / half_width_m).powi(2));
                 let candidate = e.abs() < half_width_m && e.abs() > refused_within_m;
+                let candidate = candidate.then_some(TIP);
                 let view = View { candidate, level, ..empty(&search, 0.04 * f64::from(k)) };
                 search.advance(&settings, &view);
                 if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
@@ -400,6 +440,56 @@ mod tests {
             let at = search.commanded.elevation_m;
             assert!((at - tip_m).abs() < 0.15e-3, "found at {at}");
         }
+    }
+
+    #[test]
+    fn a_decoy_beside_the_tip_does_not_draw_the_crest_to_itself() {
+        let settings = settings();
+        let (tip_m, half_width_m) = (2e-3, 0.5e-3);
+        // Seen before the tip, instead of it, or beyond it, and brighter; unlike the tip it does not go with the template so well.
+        for decoy_m in [[1.0e-3, 1.6e-3], [1.7e-3, 1.8e-3], [2.3e-3, 3.0e-3]] {
+            let mut search = Search::new(&settings, 0.0, 1.0, None, false);
+            for k in 1..500 {
+                let at = search.commanded.elevation_m;
+                let e = at - tip_m;
+                let tip =
+                    (e.abs() < half_width_m).then_some((TIP, 180.0 - 40.0 * (e / half_width_m).powi(2)));
+                let decoy = (decoy_m[0]..decoy_m[1])
+                    .contains(&at)
+                    .then_some((Candidate { px: [320.0, 190.0], likeness: 0.9 }, 200.0));
+                let seen = decoy.or(tip);
+                let (candidate, level) = (seen.map(|(c, _)| c), Some(seen.map_or(90.0, |(_, level)| level)));
+                let view = View { candidate, level, ..empty(&search, 0.04 * f64::from(k)) };
+                search.advance(&settings, &view);
+                if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
+                    break;
+                }
+            }
+            let at = search.commanded.elevation_m;
+            assert!((at - tip_m).abs() < 0.2e-3, "decoy {decoy_m:?}: found at {at}");
+        }
+    }
+
+    #[test]
+    fn a_tip_that_comes_into_sight_as_it_fades_is_centred_from_its_other_side() {
+        // The contact was lost until the plane had passed it; back over where it cannot be seen is no sign of its end.
+        let settings = settings();
+        let (tip_m, half_width_m) = (1e-3, 0.6e-3);
+        let mut search = Search::new(&settings, 0.0, 1.0, None, false);
+        let mut covered = true;
+        for k in 1..500 {
+            let e = search.commanded.elevation_m - tip_m;
+            covered &= e < 0.45e-3;
+            let seen = (e.abs() < half_width_m && !covered).then_some(TIP);
+            let level = Some(if seen.is_some() { 180.0 - 40.0 * (e / half_width_m).powi(2) } else { 90.0 });
+            let view = View { candidate: seen, level, ..empty(&search, 0.04 * f64::from(k)) };
+            search.advance(&settings, &view);
+            if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
+                break;
+            }
+        }
+        let at = search.commanded.elevation_m;
+        assert!((at - tip_m).abs() < 0.15e-3, "found at {at}");
     }
 
     #[test]
@@ -425,7 +515,7 @@ mod tests {
             let mut search = Search::new(&settings, 0.0, 1.0, least_level, false);
             for k in 1..=10 {
                 let candidate = empty(&search, 0.04 * f64::from(k));
-                let view = View { candidate: true, level: Some(level), ..candidate };
+                let view = View { candidate: Some(TIP), level: Some(level), ..candidate };
                 search.advance(&settings, &view);
                 assert_eq!(search.holds_confirmation(), waits);
             }
@@ -477,6 +567,7 @@ mod tests {
                 let in_contact = k <= searched_images || k > 50;
                 let candidate = k > 50;
                 let level = candidate.then_some(100.0);
+                let candidate = candidate.then_some(TIP);
                 let view = View { in_contact, candidate, level, ..empty(&search, 0.04 * f64::from(k)) };
                 search.advance(&settings, &view);
             }
