@@ -1,7 +1,8 @@
 use sonoloop_types::{Estimate, Image, Reason, TrackState, TrackerSettings};
 
-/// Registrations that one image may take: the candidate again, and the four best peaks of two searches. Following takes two.
-const MOST_REGISTRATIONS: u32 = 9;
+/// Registrations that one image may take: the candidate again, where the tip should be, and the four best peaks of two searches.
+/// Following takes two.
+const MOST_REGISTRATIONS: u32 = 10;
 
 /// Panics unless every value of an answer to `image` is finite and in the range that its documentation names.
 pub fn check_answer(settings: &TrackerSettings, image: &Image, estimate: &Estimate) {
