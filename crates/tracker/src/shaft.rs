@@ -4,8 +4,9 @@
 //! apart lies outside the template: along the needle's direction a ridge stands ahead of a bead, and not ahead of a
 //! tip. The direction comes from nominal calibrations, so it may be some degrees off.
 //!
-//! Of rendered needles (the paper's lateral 02 to 05, 10, 13 and 16, two seeds each), places moved onto the brightest spot near by: a tip is
-//! taken for a bead in under 1 of 1000, a bead is told 8 px behind the tip in 46 %, at 16 to 20 px in 77 to 85 %, from 30 px on in 93 to 99.
+//! Of rendered 22G needles (the paper's lateral 02 to 05, 10, 13 and 16, two seeds each), places moved onto the brightest spot near by: a
+//! tip is taken for a bead in under 1 of 1000, a bead is told 8 px behind the tip in 46 %, at 16 to 20 px in 77 to 85 %, from 30 px on in
+//! 93 to 99. Of 12G ones and a few more 22G (224 tips, none taken for a bead) 72 to 84 % up to 20 px, but 52 to 70 % farther behind.
 
 use sonoloop_types::Image;
 

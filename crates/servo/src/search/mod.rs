@@ -420,52 +420,50 @@ mod tests {
         }
     }
 
+    /// Sweeps with what `look` sees (candidate, level) where the plane stands, until it waits at a crest; where that is.
+    fn crest_m(mut look: impl FnMut(f64) -> (Option<Candidate>, f64)) -> f64 {
+        let settings = settings();
+        let mut search = Search::new(&settings, 0.0, 1.0, None, false);
+        for k in 1..500 {
+            let (candidate, level) = look(search.commanded.elevation_m);
+            let view = View { candidate, level: Some(level), ..empty(&search, 0.04 * f64::from(k)) };
+            search.advance(&settings, &view);
+            if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
+                break;
+            }
+        }
+        search.commanded.elevation_m
+    }
+
     #[test]
     fn a_tip_that_is_refused_at_its_crest_is_centred_all_the_same() {
-        let settings = settings();
         for refused_within_m in [0.3e-3, 0.4e-3] {
             let (tip_m, half_width_m) = (2e-3, 0.5e-3);
-            let mut search = Search::new(&settings, 0.0, 1.0, None, false);
-            for k in 1..500 {
-                let e = search.commanded.elevation_m - tip_m;
-                let level = Some(120.0 - 40.0 * (e / half_width_m).powi(2));
+            let at = crest_m(|at| {
+                let e = at - tip_m;
                 let candidate = e.abs() < half_width_m && e.abs() > refused_within_m;
-                let candidate = candidate.then_some(TIP);
-                let view = View { candidate, level, ..empty(&search, 0.04 * f64::from(k)) };
-                search.advance(&settings, &view);
-                if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
-                    break;
-                }
-            }
-            let at = search.commanded.elevation_m;
+                (candidate.then_some(TIP), 120.0 - 40.0 * (e / half_width_m).powi(2))
+            });
             assert!((at - tip_m).abs() < 0.15e-3, "found at {at}");
         }
     }
 
     #[test]
     fn a_decoy_beside_the_tip_does_not_draw_the_crest_to_itself() {
-        let settings = settings();
         let (tip_m, half_width_m) = (2e-3, 0.5e-3);
+        let other = Candidate { px: [320.0, 190.0], likeness: 0.9 };
         // Seen before the tip, instead of it, or beyond it, and brighter; unlike the tip it does not go with the template so well.
         for decoy_m in [[1.0e-3, 1.6e-3], [1.7e-3, 1.8e-3], [2.3e-3, 3.0e-3]] {
-            let mut search = Search::new(&settings, 0.0, 1.0, None, false);
-            for k in 1..500 {
-                let at = search.commanded.elevation_m;
+            let at = crest_m(|at| {
                 let e = at - tip_m;
-                let tip =
-                    (e.abs() < half_width_m).then_some((TIP, 180.0 - 40.0 * (e / half_width_m).powi(2)));
-                let decoy = (decoy_m[0]..decoy_m[1])
-                    .contains(&at)
-                    .then_some((Candidate { px: [320.0, 190.0], likeness: 0.9 }, 200.0));
-                let seen = decoy.or(tip);
-                let (candidate, level) = (seen.map(|(c, _)| c), Some(seen.map_or(90.0, |(_, level)| level)));
-                let view = View { candidate, level, ..empty(&search, 0.04 * f64::from(k)) };
-                search.advance(&settings, &view);
-                if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
-                    break;
+                if (decoy_m[0]..decoy_m[1]).contains(&at) {
+                    (Some(other), 200.0)
+                } else if e.abs() < half_width_m {
+                    (Some(TIP), 180.0 - 40.0 * (e / half_width_m).powi(2))
+                } else {
+                    (None, 90.0)
                 }
-            }
-            let at = search.commanded.elevation_m;
+            });
             assert!((at - tip_m).abs() < 0.2e-3, "decoy {decoy_m:?}: found at {at}");
         }
     }
@@ -474,24 +472,16 @@ mod tests {
     fn a_tip_that_comes_into_sight_as_it_fades_is_centred_from_its_other_side() {
         // The contact was lost until the plane had passed it. On the way back there is nothing to be seen for a while, and it is missed
         // once: neither is a sign of its end.
-        let settings = settings();
         let (tip_m, half_width_m) = (1e-3, 0.7e-3);
-        let mut search = Search::new(&settings, 0.0, 1.0, None, false);
         let (mut covered, mut last) = (true, f64::NEG_INFINITY);
-        for k in 1..500 {
-            let e = search.commanded.elevation_m - tip_m;
+        let at = crest_m(|at| {
+            let e = at - tip_m;
             covered &= e < 0.45e-3;
             let missed = e < last && e > 0.3e-3;
             last = e;
-            let seen = (e.abs() < half_width_m && !covered && !missed).then_some(TIP);
-            let level = Some(if seen.is_some() { 180.0 - 40.0 * (e / half_width_m).powi(2) } else { 90.0 });
-            let view = View { candidate: seen, level, ..empty(&search, 0.04 * f64::from(k)) };
-            search.advance(&settings, &view);
-            if matches!(search.phase, Phase::Crest { arrived_s: Some(_), .. } | Phase::NotFound) {
-                break;
-            }
-        }
-        let at = search.commanded.elevation_m;
+            let seen = e.abs() < half_width_m && !covered && !missed;
+            (seen.then_some(TIP), if seen { 180.0 - 40.0 * (e / half_width_m).powi(2) } else { 90.0 })
+        });
         assert!((at - tip_m).abs() < 0.15e-3, "found at {at}");
     }
 
