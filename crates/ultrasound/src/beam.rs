@@ -14,6 +14,8 @@ const DEPTH_STEP_M: f64 = 0.02e-3;
 const MAX_WIDENING: f64 = 4.0;
 /// Active aperture at no depth, in elements.
 const MIN_APERTURE_ELEMENTS: f64 = 4.0;
+/// [`Beam::steady_sigma_m`] grows by a factor of e over this many σ of the pulse.
+const STEADY_SIGMAS: f64 = 100.0;
 /// Slice thickness at which the levels of a needle are stated. [assumed] A point stands out over speckle by
 /// the inverse root of the thickness; levels need one thickness to refer to.
 const LEVEL_REFERENCE_THICKNESS_M: f64 = 1e-3;
@@ -109,6 +111,8 @@ pub struct Beam {
     pub half_aperture_m: f64,
     /// σ of the elevational profile every [`DEPTH_STEP_M`].
     elevation_sigma_m: Vec<f64>,
+    /// The same where it changes slowly, and less where it changes quickly, see [`Self::steady_sigma_m`].
+    steady_sigma_m: Vec<f64>,
     /// What the lens does away from its focus.
     lens: Lens,
 }
@@ -121,18 +125,22 @@ impl Beam {
         let deepest_m = probe.elevation.last().map_or(0.0, |s| s.depth_m);
         let depths = (0..=(deepest_m / DEPTH_STEP_M) as usize + 1).map(|i| i as f64 * DEPTH_STEP_M);
         let sigma_lateral_m = probe.lateral_width_m() / FWHM_PER_SIGMA;
+        let sigma_axial_m = c / (4.0 * PI * sigma_frequency_hz);
+        let elevation_sigma_m: Vec<f64> =
+            depths.map(|z_m| probe.slice_thickness_m(z_m) / FWHM_PER_SIGMA).collect();
         Self {
             probe: probe.clone(),
             grain: Grain::new(probe.precision, probe.geometry.spacing_m / sigma_lateral_m),
             two_k_rad_m: 4.0 * PI * f / c,
-            sigma_axial_m: c / (4.0 * PI * sigma_frequency_hz),
+            sigma_axial_m,
             sigma_lateral_m,
             half_aperture_m: probe.aperture_m() / 2.0,
             lens: Lens::new(
                 probe,
                 deepest_m.max(f64::from(probe.geometry.height_px) * probe.geometry.spacing_m),
             ),
-            elevation_sigma_m: depths.map(|z_m| probe.slice_thickness_m(z_m) / FWHM_PER_SIGMA).collect(),
+            steady_sigma_m: steady(&elevation_sigma_m, DEPTH_STEP_M / (STEADY_SIGMAS * sigma_axial_m)),
+            elevation_sigma_m,
         }
     }
 
@@ -148,6 +156,13 @@ impl Beam {
     pub fn sigma_elevation_m(&self, depth_m: f64) -> f64 {
         let index = (depth_m * (1.0 / DEPTH_STEP_M) + 0.5) as usize;
         self.elevation_sigma_m[index.min(self.elevation_sigma_m.len() - 1)]
+    }
+
+    /// The most that is nowhere more than [`Self::sigma_elevation_m`], and e times as much no sooner than [`STEADY_SIGMAS`] of the
+    /// pulse farther on: what follows it changes little within the stretches of tape that go as one.
+    pub fn steady_sigma_m(&self, depth_m: f64) -> f64 {
+        let index = (depth_m * (1.0 / DEPTH_STEP_M) + 0.5) as usize;
+        self.steady_sigma_m[index.min(self.steady_sigma_m.len() - 1)]
     }
 
     /// σ of the pulse's amplitude along depth, at a depth.
@@ -222,6 +237,19 @@ impl Beam {
         let spread = self.widening(x_m, depth_m) * self.lens.axial(depth_m);
         (LEVEL_REFERENCE_THICKNESS_M / self.thickness_m(depth_m) / spread).sqrt()
     }
+}
+
+/// The most that is nowhere more than some values, and changes by a factor of e^`rate` at most from one to the next.
+fn steady(values: &[f64], rate: f64) -> Vec<f64> {
+    let factor = libm::exp(rate);
+    let mut steady = values.to_vec();
+    for i in 1..steady.len() {
+        steady[i] = steady[i].min(steady[i - 1] * factor);
+    }
+    for i in (1..steady.len()).rev() {
+        steady[i - 1] = steady[i - 1].min(steady[i] * factor);
+    }
+    steady
 }
 
 /// Peak of a Gaussian amplitude profile of unit energy, (π·σ²)^(−1/4).

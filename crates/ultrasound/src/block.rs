@@ -116,7 +116,8 @@ wide! {
             (cos[i], sin[i], angle[i]) = (scale * c, scale * s, turned);
         }
         let e_m = &strides.places.e_m[from..][..count + 1];
-        let (decay, peak) = (&warp.decay[first_stride..][..count + 1], &warp.peak[first_stride..][..count + 1]);
+        let (decay, peak) = (&warp.decay[first_stride..][..count + 1], &warp.peak[column.class][first_stride..][..count + 1]);
+        let middle_peak = &warp.middle_peak[column.class][first_stride..][..count];
         let weigh = |e_m: f32, decay: f32, peak: f32| peak * exp_minus(e_m * e_m * decay);
         let mut edges = [0.0; BLOCK + 1];
         for i in 0..count {
@@ -127,7 +128,7 @@ wide! {
             (&mut block.weight[..count], &mut block.growth[..count], &mut block.bend[..count]);
         for i in 0..count {
             let middle_m = 0.5 * (e_m[i] + e_m[i + 1]);
-            let middle = weigh(middle_m, 0.5 * (decay[i] + decay[i + 1]), 0.5 * (peak[i] + peak[i + 1]));
+            let middle = weigh(middle_m, 0.5 * (decay[i] + decay[i + 1]), middle_peak[i]);
             let grown = edges[i + 1] - edges[i];
             let bent = 2.0 * (edges[i] + edges[i + 1] - 2.0 * middle);
             (weight[i], growth[i], bend[i]) = (edges[i], grown - bent, bent);

@@ -99,15 +99,19 @@ pub fn facets(
     reverberates: bool,
     mut boundaries: impl FnMut(i32, i32) -> Vec<Boundary>,
 ) -> Vec<(Facet, Mirror)> {
-    // The rows beside this one are shifted by half a column.
-    let left = ix - 1 + (iy & 1);
+    // Column of a row beside this one that stands on the straight line so many after this column's.
+    let beside = |lines: i32, iy_beside: i32| {
+        let x = f64::from(lines) + Lattice::SHIFT * f64::from(iy_beside - iy);
+        let ix = ix + lines + iy_beside.div_euclid(3) - iy.div_euclid(3);
+        ([x * dx_m, f64::from(iy_beside - iy) * dy_m], [ix, iy_beside])
+    };
     let around = [
-        ([-dx_m, 0.0], [ix - 1, iy]),
-        ([dx_m, 0.0], [ix + 1, iy]),
-        ([-dx_m / 2.0, -dy_m], [left, iy - 1]),
-        ([dx_m / 2.0, -dy_m], [left + 1, iy - 1]),
-        ([-dx_m / 2.0, dy_m], [left, iy + 1]),
-        ([dx_m / 2.0, dy_m], [left + 1, iy + 1]),
+        beside(-1, iy),
+        beside(1, iy),
+        beside(0, iy - 1),
+        beside(1, iy - 1),
+        beside(-1, iy + 1),
+        beside(0, iy + 1),
     ]
     .map(|(offset_m, [ix, iy])| (offset_m, boundaries(ix, iy)));
     let facets = own.iter().enumerate().filter_map(|(index, boundary)| {

@@ -7,6 +7,7 @@ use crate::{
     fast::{exp_minus, nearest},
     instructions::{Instructions, wide},
     shear::{Shear, Slab},
+    thinning::Thinning,
 };
 
 /// Rows between two looks at whether a column is inside the slice; runs start and end at multiples of it.
@@ -25,11 +26,12 @@ pub struct Run {
 /// Place of weights in the table, see [`ElevationTable::weights`].
 #[derive(Debug, Clone, Copy)]
 pub struct Weights {
+    class: u32,
     block: u32,
     pub first: u32,
 }
 
-/// The slice at one row: 1/2σ², the weight at e = 0, and where it ends.
+/// The slice at one row: 1/2σ², the weight at e = 0, and where it ends, negative for columns that are left out.
 #[derive(Debug, Clone, Copy)]
 pub struct RowProfile {
     pub decay: f32,
@@ -45,107 +47,129 @@ struct Block {
     weights: Vec<f32>,
 }
 
+/// The slice as the columns of one of [`Thinning`]'s sets see it.
+#[derive(Default)]
+struct Class {
+    peak: Vec<f32>,
+    /// Negative where they are left out.
+    reach_m: Vec<f32>,
+    slab: Slab,
+    first_bin: i64,
+    bins: usize,
+    blocks: Vec<Block>,
+}
+
 /// Weight w(e; z) of the slice for every column that crosses it, unit energy, made for one pose.
 #[derive(Default)]
 pub struct ElevationTable {
-    bin_m: f64,
     bins_per_m: f64,
-    first_bin: i64,
-    bins: usize,
-    /// Half the slice's thickness where it is thickest.
-    widest_m: f64,
-    blocks: Vec<Block>,
+    classes: Vec<Class>,
     decay: Vec<f32>,
-    peak: Vec<f32>,
-    reach_m: Vec<f32>,
     /// e − e′ by row.
     drift_m: Vec<f32>,
-    /// What the table was made for: rows, their distance in metres, elevational slope.
-    made_for: Option<(usize, f64, f64)>,
+    /// What the table was made for: rows, their distance in metres, elevational slope, columns left out.
+    made_for: Option<(usize, f64, f64, Thinning)>,
 }
 
 impl ElevationTable {
     /// Fills the table; every weight also carries `scale`. One table serves one beam and scale.
     pub fn build(&mut self, instructions: Instructions, beam: &Beam, shear: &Shear, scale: f64) {
-        let made_for = Some((shear.rows, shear.row_step_m, shear.elevation_slope));
+        let thinning = shear.thinning;
+        let made_for = Some((shear.rows, shear.row_step_m, shear.elevation_slope, thinning));
         if self.made_for == made_for {
             return;
         }
         self.made_for = made_for;
         let bin_m = beam.grain.elevation_bin_m;
-        (self.bin_m, self.bins_per_m) = (bin_m, 1.0 / bin_m);
+        self.bins_per_m = 1.0 / bin_m;
+        let sigmas_m: Vec<f64> =
+            (0..shear.rows).map(|row| beam.sigma_elevation_m(row as f64 * shear.row_step_m)).collect();
         self.decay.clear();
-        self.peak.clear();
-        self.reach_m.clear();
+        self.decay.extend(sigmas_m.iter().map(|sigma_m| (0.5 / (sigma_m * sigma_m)) as f32));
+        let drift_m = |row: usize| shear.elevation_slope * row as f64 * shear.row_step_m;
         self.drift_m.clear();
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        let mut widest_m = 0.0f64;
-        for row in 0..shear.rows {
-            let z_m = row as f64 * shear.row_step_m;
-            let sigma_m = beam.sigma_elevation_m(z_m);
-            self.decay.push((0.5 / (sigma_m * sigma_m)) as f32);
-            self.peak.push((scale * unit_energy_peak(sigma_m)) as f32);
-            let (reach_m, drift_m) = (beam.grain.elevation_reach * sigma_m, shear.elevation_slope * z_m);
-            low = low.min(-reach_m - drift_m);
-            high = high.max(reach_m - drift_m);
-            widest_m = widest_m.max(reach_m);
-            self.reach_m.push(reach_m as f32);
-            self.drift_m.push(drift_m as f32);
-        }
-        self.first_bin = (low / bin_m).floor() as i64;
-        self.bins = ((high / bin_m).ceil() as i64 - self.first_bin + 1) as usize;
-        self.blocks.resize_with(self.bins.div_ceil(BLOCK), Block::default);
-        self.widest_m = widest_m;
-        let (first_bin, bins) = (self.first_bin, self.bins);
-        let profile = Profile {
-            instructions,
-            decay: &self.decay,
-            peak: &self.peak,
-            reach_m: &self.reach_m,
-            drift_m: &self.drift_m,
-        };
-        self.blocks.par_iter_mut().enumerate().for_each(|(index, block)| {
-            block.clear();
-            for bin in index * BLOCK..((index + 1) * BLOCK).min(bins) {
-                let e_m = (first_bin + bin as i64) as f64 * bin_m;
-                block.push_bin(shear, e_m, widest_m, &profile);
+        self.drift_m.extend((0..shear.rows).map(|row| drift_m(row) as f32));
+        self.classes.resize_with(thinning.classes, Class::default);
+        for (index, class) in self.classes.iter_mut().enumerate() {
+            let Class { peak, reach_m, slab, first_bin, bins, blocks } = class;
+            peak.clear();
+            reach_m.clear();
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            let mut widest_m = 0.0f64;
+            for (row, &sigma_m) in sigmas_m.iter().enumerate() {
+                let gain = thinning.gain(index, beam.steady_sigma_m(row as f64 * shear.row_step_m));
+                peak.push((scale * gain * unit_energy_peak(sigma_m)) as f32);
+                if gain == 0.0 {
+                    reach_m.push(-1.0);
+                    continue;
+                }
+                let reach = beam.grain.elevation_reach * sigma_m;
+                low = low.min(-reach - drift_m(row));
+                high = high.max(reach - drift_m(row));
+                widest_m = widest_m.max(reach);
+                reach_m.push(reach as f32);
             }
-        });
+            // None at all where every row leaves them out.
+            *first_bin = if low <= high { (low / bin_m).floor() as i64 } else { 0 };
+            *bins = if low <= high { ((high / bin_m).ceil() as i64 - *first_bin + 1) as usize } else { 0 };
+            let ends = [*first_bin, *first_bin + *bins as i64 - 1];
+            *slab = Slab { elevations_m: ends.map(|bin| bin as f64 * bin_m), reach_m: widest_m };
+            let (first_bin, bins) = (*first_bin, *bins);
+            blocks.resize_with(bins.div_ceil(BLOCK), Block::default);
+            let profile = Profile { instructions, decay: &self.decay, peak, reach_m, drift_m: &self.drift_m };
+            blocks.par_iter_mut().enumerate().for_each(|(index, block)| {
+                block.clear();
+                for bin in index * BLOCK..((index + 1) * BLOCK).min(bins) {
+                    let e_m = (first_bin + bin as i64) as f64 * bin_m;
+                    block.push_bin(shear, e_m, widest_m, &profile);
+                }
+            });
+        }
     }
 
-    /// Where columns are that meet the slice.
-    pub fn slab(&self) -> Slab {
-        let ends = [self.first_bin, self.first_bin + self.bins as i64 - 1];
-        Slab { elevations_m: ends.map(|bin| bin as f64 * self.bin_m), reach_m: self.widest_m }
+    /// Where columns of a set are that meet the slice.
+    pub fn slab(&self, class: usize) -> Slab {
+        self.classes[class].slab
     }
 
-    /// Bin of the columns at `e_m` = e′, see [`Self::crossing`].
+    /// Number of the bin of the columns at `e_m` = e′, see [`Self::crossing`].
     #[inline(always)]
     pub fn bin(&self, e_m: f64) -> i64 {
-        nearest(e_m * self.bins_per_m) - self.first_bin
+        nearest(e_m * self.bins_per_m)
     }
 
-    /// Where the columns of a bin cross the slice, and where their weights begin; `None` when they miss it.
+    /// Where the columns of a set and bin cross the slice, and where their weights begin; `None` when they miss it.
     #[inline]
-    pub fn crossing(&self, bin: i64) -> Option<(Weights, &[Run])> {
-        if bin < 0 || bin >= self.bins as i64 {
+    pub fn crossing(&self, class: usize, bin: i64) -> Option<(Weights, &[Run])> {
+        let Class { first_bin, bins, blocks, .. } = &self.classes[class];
+        let bin = bin - first_bin;
+        if bin < 0 || bin >= *bins as i64 {
             return None;
         }
         let (block, bin) = (bin as usize / BLOCK, bin as usize % BLOCK);
-        let Block { runs, starts, .. } = &self.blocks[block];
+        let Block { runs, starts, .. } = &blocks[block];
         let runs = &runs[starts[bin] as usize..starts[bin + 1] as usize];
-        Some((Weights { block: block as u32, first: 0 }, runs))
+        Some((Weights { class: class as u32, block: block as u32, first: 0 }, runs))
     }
 
-    /// The slice next to a depth in rows.
-    pub fn profile(&self, row: f64) -> RowProfile {
-        let row = ((row.max(0.0) + 0.5) as usize).min(self.reach_m.len() - 1);
-        RowProfile { decay: self.decay[row], peak: self.peak[row], reach_m: self.reach_m[row] }
+    /// The slice at a depth in rows, as the columns of a set see it.
+    pub fn profile(&self, class: usize, row: f64) -> RowProfile {
+        let Class { peak, reach_m, .. } = &self.classes[class];
+        let row = row.clamp(0.0, (reach_m.len() - 1) as f64);
+        let (above, share) = (row as usize, row.fract() as f32);
+        let below = (above + 1).min(reach_m.len() - 1);
+        let between = |values: &[f32]| values[above] + share * (values[below] - values[above]);
+        RowProfile {
+            decay: between(&self.decay),
+            peak: between(peak),
+            reach_m: reach_m[above].max(reach_m[below]),
+        }
     }
 
     /// The weights of so many rows.
     pub fn weights(&self, weights: Weights, count: usize) -> &[f32] {
-        &self.blocks[weights.block as usize].weights[weights.first as usize..][..count]
+        let blocks = &self.classes[weights.class as usize].blocks;
+        &blocks[weights.block as usize].weights[weights.first as usize..][..count]
     }
 }
 
@@ -174,7 +198,8 @@ impl Block {
         // Looked at where a stride begins and ends: one that is crossed between them has e of both signs.
         let counts = |row: usize| {
             let last = row + STRIDE - 1;
-            inside(row) || inside(last) || (e + drift_m[row]) * (e + drift_m[last]) <= 0.0
+            let crossed = (e + drift_m[row]) * (e + drift_m[last]) <= 0.0 && reach_m[row] > 0.0;
+            inside(row) || inside(last) || crossed
         };
         let mut row = lo;
         while row < hi {

@@ -167,13 +167,14 @@ impl Listing<'_> {
         let [[ix_min, _], [iy_min, _]] = shear.columns;
         let deepest = columns.most_scatterers() as i64;
         let Part { by_band, places } = part;
-        let along = shear.overlap(elevation.slab(), iy);
+        let along = shear.overlap(elevation.slab(shear.thinning.of_row(iy)), iy);
         place(instructions, places, self, along.start, along.len(), iy);
         let Places { bin, line, lo, hi, top } = &*places;
         let rows = lo.iter().zip(hi);
         let places = bin.iter().zip(line).zip(rows).zip(top);
         for (ix, (((&bin, &line), (&x_lo, &x_hi)), &top)) in along.zip(places) {
-            let Some((mut weights, runs)) = elevation.crossing(bin) else { continue };
+            let class = shear.thinning.class(ix, iy);
+            let Some((mut weights, runs)) = elevation.crossing(class, bin) else { continue };
             if x_lo >= x_hi || !(line >= 0.0 && line < (shear.lines - 1) as f64) {
                 continue;
             }

@@ -9,12 +9,16 @@ use crate::{beam::Beam, fast::floor};
 pub const TAPE_LENGTH: usize = 4096;
 const _: () = assert!(TAPE_LENGTH.is_power_of_two());
 
-/// A regular lattice of scatterers fixed in the phantom frame: columns along z in rows that run along x, every
-/// other row shifted by half a spacing; the n-th scatterer of a column at z = −(n+½)·d.
+/// Rows stand this many times σ apart, of the lateral beam or of the thinnest slice, whichever is narrower.
+pub const ROWS_PER_SIGMA: f64 = 1.62;
+
+/// A regular lattice of scatterers fixed in the phantom frame: columns along z in rows that run along x, as far apart as
+/// those and each shifted by a third of that; the n-th scatterer of a column at z = −(n+½)·d.
 ///
 /// The spacing follows the beam so that several scatterers share a resolution cell; with complex Gaussian
-/// amplitudes first-order statistics are Rayleigh for any spacing. The hexagonal layout ripples the mean power
-/// by less than 5 % along any direction, and not at all along x.
+/// amplitudes first-order statistics are Rayleigh for any spacing. The mean power ripples by less than 5 % along any
+/// direction. The shift is a third, as every second row is then shifted by a third as well, and every fourth one: they are
+/// what is left where the slice is thick (`thinning`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lattice {
     /// Distance between the columns of a row.
@@ -31,8 +35,8 @@ pub struct Lattice {
 impl Lattice {
     pub fn new(beam: &Beam, seed: u64) -> Self {
         let [thinnest_m, _] = beam.sigma_elevation_range_m();
-        let row_spacing_m = (1.62 * beam.sigma_lateral_m).min(0.9 * thinnest_m);
-        let column_spacing_m = row_spacing_m / (3.0f64.sqrt() / 2.0);
+        let row_spacing_m = ROWS_PER_SIGMA * beam.sigma_lateral_m.min(thinnest_m);
+        let column_spacing_m = row_spacing_m;
         let depth_step_m = 1.15 * beam.sigma_axial_m;
         Self {
             column_spacing_m,
@@ -43,9 +47,17 @@ impl Lattice {
         }
     }
 
-    /// Shift of a row along x, in spacings.
+    /// Shift of a row against the one before along x, in spacings.
+    pub const SHIFT: f64 = 1.0 / 3.0;
+
+    /// Shift of a row along x, in spacings; less than one.
     pub fn shift(iy: i32) -> f64 {
-        0.5 * f64::from(iy & 1)
+        Self::SHIFT * f64::from(iy.rem_euclid(3))
+    }
+
+    /// Number of the straight line across the rows that a column stands on.
+    pub fn straight(ix: i32, iy: i32) -> i32 {
+        ix - iy.div_euclid(3)
     }
 
     /// Where a column stands, phantom frame.

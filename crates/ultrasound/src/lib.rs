@@ -26,6 +26,7 @@
 //! | `beam` | widths, wavelength, units of amplitude |
 //! | `lens` | how pulse and beam widen out of the lens's focus |
 //! | `lattice`, `columns`, `table` | scatterers of the phantom; materials along a column, cached |
+//! | `thinning` | fewer and stronger columns where the slice is thick |
 //! | `tape` | the noise tape, with carrier and sub-row delays of one tilt |
 //! | `shear` | working grid of one pose |
 //! | `elevation` | weights by elevation and row |
@@ -95,6 +96,7 @@ mod stamp;
 mod strides;
 mod table;
 mod tape;
+mod thinning;
 mod warp;
 
 pub use renderer::{Field, Renderer, draw_on_this_thread};

@@ -49,6 +49,8 @@ pub struct Column {
     /// Squared distance from the axis through the place that the needle drags, along the columns.
     from_drag_m2: f32,
     pub tape: usize,
+    /// Which of [`crate::thinning::Thinning`]'s sets it belongs to.
+    pub class: usize,
     pub layers: columns::Range,
     /// Rows of the grid above and below which none of it shows.
     pub shown: [f32; 2],
@@ -139,11 +141,11 @@ struct Scratch {
     block: Block,
 }
 
-/// Where columns stand at rest that meet the slice.
-pub fn slab(elevation: &ElevationTable, motion: Option<&Motion>) -> Slab {
+/// Where columns of a set stand at rest that meet the slice.
+pub fn slab(elevation: &ElevationTable, class: usize, motion: Option<&Motion>) -> Slab {
     // What goes down stays on its column's line; e′ changes by what goes aside, see `Motion::aside_m`.
     let margin_m = motion.map_or(0.0, |motion| 2.0 * motion.aside_m());
-    let Slab { elevations_m: [low_m, high_m], reach_m } = elevation.slab();
+    let Slab { elevations_m: [low_m, high_m], reach_m } = elevation.slab(class);
     Slab { elevations_m: [low_m - margin_m, high_m + margin_m], reach_m: reach_m + margin_m }
 }
 
@@ -238,12 +240,17 @@ impl Points {
         tissue: &Columns,
         motion: &Motion,
     ) {
-        let slab = slab(elevation, Some(motion));
-        let widest_m: Vec<f64> = (0..shear.rows.div_ceil(GLANCE))
-            .map(|block| {
-                let rows = (block * GLANCE..=(block + 1) * GLANCE).step_by(STRIDE);
-                rows.map(|row| f64::from(elevation.profile(row as f64).reach_m)).fold(0.0, f64::max)
-            })
+        let thinning = shear.thinning;
+        let slabs: Vec<Slab> =
+            (0..thinning.classes).map(|class| slab(elevation, class, Some(motion))).collect();
+        let widest = |class: usize, block: usize| {
+            let rows = (block * GLANCE..=(block + 1) * GLANCE).step_by(STRIDE);
+            let reach_m = |row: usize| f64::from(elevation.profile(class, row as f64).reach_m);
+            rows.map(reach_m).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let blocks = shear.rows.div_ceil(GLANCE);
+        let widest_m: Vec<Vec<f64>> = (0..thinning.classes)
+            .map(|class| (0..blocks).map(|block| widest(class, block)).collect())
             .collect();
         let slope = shear.elevation_slope * shear.row_step_m * GLANCE as f64;
         let steepest = f64::from(flow.each.spread.iter().copied().fold(0.0, f32::max));
@@ -257,7 +264,7 @@ impl Points {
             by_band.resize_with(bands, Vec::new);
             for iy in index * count / PARTS..(index + 1) * count / PARTS {
                 let iy = first + iy as i32;
-                for ix in shear.overlap(slab, iy) {
+                for ix in shear.overlap(slabs[thinning.of_row(iy)], iy) {
                     let layers = tissue.get(ix, iy);
                     if tissue.layers(layers).is_empty() {
                         continue;
@@ -276,11 +283,13 @@ impl Points {
                     let (x_m, e_m) = (shear.x.at(ix, iy), shear.e.at(ix, iy));
                     let elevation_aside_m = aside_m * flow.elevation_per_aside;
                     let margin_m = dragged_m + elevation_aside_m.abs() * steepest;
+                    let class = thinning.class(ix, iy);
+                    let widest_m = &widest_m[class];
                     let shows = |block: usize| {
                         let [above_m, below_m] = [block, block + 1].map(|block| e_m + block as f64 * slope);
                         let nearest_m =
                             if above_m * below_m <= 0.0 { 0.0 } else { above_m.abs().min(below_m.abs()) };
-                        nearest_m <= widest_m[block] + margin_m
+                        widest_m[block] > 0.0 && nearest_m <= widest_m[block] + margin_m
                     };
                     let Some(first_shown) = (0..widest_m.len()).position(shows) else { continue };
                     let last_shown = (0..widest_m.len()).rposition(shows).unwrap_or(first_shown);
@@ -310,6 +319,7 @@ impl Points {
                         elevation_aside_m: elevation_aside_m as f32,
                         from_drag_m2: from_drag_m2 as f32,
                         tape: lattice.tape_offset(ix, iy),
+                        class,
                         layers,
                         shown: [first_shown, last_shown + 1].map(|block| (block * GLANCE) as f32),
                     });

@@ -14,6 +14,7 @@ use crate::{
     needle::{NeedleEchoes, Shaft},
     paths::Paths,
     renderer::Frame,
+    shear::Shear,
     tape::{BakedTape, gaussian_tape},
 };
 
@@ -111,12 +112,15 @@ pub fn field(
     let motion = moves.then(|| Motion::new(indentation.as_ref(), drag));
     paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());
     paths.build(Instructions::PLAIN, &beam, slice, &Shaft::new(needle));
+    // Asked for which columns are left out where, and nothing else.
+    let shear = Shear::new(&slice.phantom_from_probe, &beam, &lattice, &frame.geometry, 0.0, None, half);
     let mut canvas =
         Canvas { beam: &beam, paths: &paths, frame, values: vec![[0.0; 2]; frame.rows() * frame.columns] };
 
     let probe_from_phantom = slice.phantom_from_probe.inverse();
     let mut segments = Vec::new();
-    for [ix, iy] in places() {
+    for ([ix, iy], thinning) in places().flat_map(|place| shear.iter().map(move |s| (place, s.thinning))) {
+        let class = thinning.class(ix, iy);
         let [x_m, y_m] = lattice.column_m(ix, iy);
         tissue.column(x_m, y_m, &mut segments);
         let offset = lattice.tape_offset(ix, iy);
@@ -149,6 +153,7 @@ pub fn field(
                 if u.abs() > REACH || p.x.abs() > beam.half_aperture_m + 5e-3 {
                     continue;
                 }
+                let strength = strength * thinning.gain(class, beam.steady_sigma_m(p.z));
                 let weight = strength * unit_energy_peak(sigma_e_m) * libm::exp(-0.5 * u * u);
                 let (sin, cos) = libm::sincos(-beam.two_k_rad_m * p.z);
                 let [re, im] = tape[index].map(f64::from);

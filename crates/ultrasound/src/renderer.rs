@@ -379,8 +379,10 @@ impl Renderer {
         if let Some(shear) = shear {
             elevation.build(instructions, beam, shear, lattice.amplitude());
             tape.bake(beam, shear);
-            let (scattering, mirroring) =
-                (points::slab(elevation, motion), boundary::slab(lattice, shear, motion));
+            let (scattering, mirroring) = (
+                points::slab(elevation, shear.thinning.classes - 1, motion),
+                boundary::slab(lattice, shear, motion),
+            );
             for iy in shear.rows_across() {
                 tissue.learn(shear.overlap(scattering, iy), iy);
                 tissue.learn_facets(shear.overlap(mirroring, iy), iy);

@@ -8,10 +8,13 @@ use crate::{
     fast::floor_side_by_side,
     lattice::Lattice,
     motion::Motion,
+    thinning::Thinning,
 };
 
 /// Below this cosine between the beam and the phantom's vertical no tissue is drawn (60°).
 const MIN_COSINE: f64 = 0.5;
+/// What a row that runs along the picture may come nearer to it.
+const ALONG_M: f64 = 1e-6;
 /// Steps of a slope per unit.
 const SLOPES: f64 = 32_768.0;
 
@@ -35,7 +38,7 @@ impl Affine {
 }
 
 /// Places about the picture's plane.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Slab {
     /// Range of e′ of the columns that meet it.
     pub elevations_m: [f64; 2],
@@ -71,6 +74,8 @@ pub struct Shear {
     pub e: Affine,
     /// Depth of scatterer 0 of a column, in rows.
     pub top_row: Affine,
+    /// Which columns are left out where.
+    pub thinning: Thinning,
     /// Columns that may matter: `[[ix_min, ix_max], [iy_min, iy_max]]`, inclusive.
     pub columns: [[i32; 2]; 2],
 }
@@ -131,11 +136,14 @@ impl Shear {
         }
         let columns = [0, 1].map(|axis| {
             let limit = f64::from(half[axis]);
-            let low = (bounds[axis][0] / spacing_m[axis] - 1.0).ceil().clamp(-limit, limit);
+            // Rows are shifted by up to two thirds.
+            let low = (bounds[axis][0] / spacing_m[axis] - 7.0 / 6.0).ceil().clamp(-limit, limit);
             let high = (bounds[axis][1] / spacing_m[axis] - 0.5).floor().clamp(-limit - 1.0, limit - 1.0);
             [low as i32, high as i32]
         });
+        let (x, e) = (affine(&|p| p.x - t * p.z), affine(&|p| p.y - s * p.z));
         Some(Self {
+            thinning: Thinning::new(lattice, x, e, thickest_m),
             row_step_m,
             rows_per_scatterer,
             rows,
@@ -146,8 +154,8 @@ impl Shear {
             lines: ((last_line_m - first_line_m) / line_pitch_m) as usize + 2,
             reach_m,
             beside_m: 2.0 * aside_m,
-            x: affine(&|p| p.x - t * p.z),
-            e: affine(&|p| p.y - s * p.z),
+            x,
+            e,
             top_row: affine(&|p| p.z / row_step_m),
             columns,
         })
@@ -172,10 +180,14 @@ impl Shear {
             per_iy: x.per_iy - lean * e.per_iy,
         };
         for (value, [low, high]) in [(e, slab.elevations_m), (x, lines_m), (there, [-aside_m, aside_m])] {
+            let at_zero = value.in_row(iy);
             if value.per_ix.abs() < 1e-9 {
+                // The row runs along the picture.
+                if at_zero < low - ALONG_M || at_zero > high + ALONG_M {
+                    return 0..0;
+                }
                 continue;
             }
-            let at_zero = value.in_row(iy);
             let (a, b) = ((low - at_zero) / value.per_ix, (high - at_zero) / value.per_ix);
             range = [range[0].max(a.min(b) - 1.0), range[1].min(a.max(b) + 1.0)];
         }
@@ -222,7 +234,7 @@ impl Shear {
 
 #[cfg(test)]
 mod tests {
-    use super::{Affine, STRIDE, Shear};
+    use super::{Affine, STRIDE, Shear, Thinning};
 
     #[test]
     fn strides_are_those_with_a_row_within_the_bound() {
@@ -241,6 +253,7 @@ mod tests {
             x: none,
             e: none,
             top_row: none,
+            thinning: Thinning::NONE,
             columns: [[0; 2]; 2],
         };
         for slope in [0.0, 0.011, -0.13, 0.577] {

@@ -175,7 +175,7 @@ impl Band<'_> {
         let drift = [drift_rows, drift_rows * BEND_ROWS, drift_rows * DRIFT_LINES];
         look(
             instructions,
-            &warp.reach_m[at..][..size],
+            &warp.reach_m[column.class][at..][..size],
             flow.reach_m,
             drift,
             places,
@@ -223,7 +223,7 @@ impl Band<'_> {
             let (e_m, line) = (single.e_m[i], single.line[i]);
             let whole = nearest_f32(line - 0.5);
             let line_at_hand = (whole + 1 - first_line) as usize;
-            let [decay, peak, reach_m] = warp.slice_at(row);
+            let [decay, peak, reach_m] = warp.slice_at(column.class, warped);
             let hidden = e_m.abs() > reach_m || single.x_m[i].abs() > flow.reach_m;
             if hidden || amplitude == 0.0 || line_at_hand > BAND {
                 continue;
@@ -359,7 +359,7 @@ wide! {
             for i in 0..LANES {
                 let within = (e_m[i].abs() <= warp_reach[i])
                     | (next_e[i].abs() <= next_reach[i])
-                    | (e_m[i] * next_e[i] < 0.0);
+                    | ((e_m[i] * next_e[i] < 0.0) & (warp_reach[i] > 0.0));
                 let shows = within & ((x_m[i].abs() <= reach_m) | (next_x[i].abs() <= reach_m));
                 // Rows of the warp are even within a stride, and bend from one to the next; scatterers bend by this.
                 let bend = STRIDE as f32 * (next_apart[i] - apart[i]);

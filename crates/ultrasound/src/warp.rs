@@ -17,6 +17,7 @@ use crate::{
     shear::Shear,
     splat::BAND,
     tape::{BakedTape, DELAY_REACH, DELAY_TAPS},
+    thinning::CLASSES,
 };
 
 /// Rows of the grid before its first and after its last that rows of a warp reach.
@@ -40,10 +41,12 @@ pub struct Warp {
     row: Vec<f32>,
     /// The same of every [`EVEN`]th, and of [`BEYOND`] after the last, as the next three are.
     pub row_of_stride: Vec<f32>,
-    /// The slice there, see [`crate::elevation::RowProfile`].
+    /// The slice there as the columns of each set see it, see [`crate::elevation::RowProfile`].
     pub decay: Vec<f32>,
-    pub peak: Vec<f32>,
-    pub reach_m: Vec<f32>,
+    pub peak: [Vec<f32>; CLASSES],
+    /// The same halfway to where the next one begins.
+    pub middle_peak: [Vec<f32>; CLASSES],
+    pub reach_m: [Vec<f32>; CLASSES],
     /// The class of the strain from each of those rows to the next, for scatterers that go one by one: others have their own.
     pub class: Vec<i32>,
     /// Turns that the carrier takes there from that of as many rows at rest, and what those are.
@@ -89,10 +92,13 @@ impl Warp {
         elevation: &ElevationTable,
         line: usize,
     ) {
-        let Self { row: rows, row_of_stride, decay, peak, reach_m, class, turns, of_row, .. } = self;
-        for values in [&mut *rows, row_of_stride, decay, peak, reach_m] {
+        let Self {
+            row: rows, row_of_stride, decay, peak, middle_peak, reach_m, class, turns, of_row, ..
+        } = self;
+        for values in [&mut *rows, row_of_stride, decay] {
             values.clear();
         }
+        [&mut *peak, middle_peak, reach_m].into_iter().flatten().for_each(Vec::clear);
         class.clear();
         turns.clear();
         of_row.clear();
@@ -101,12 +107,15 @@ impl Warp {
         let (first, end) = (-(MARGIN as f64), (shear.rows + MARGIN) as f64);
         let mut row = first;
         let mut moved_m = Vector::zeros();
-        let mut begin = |row: f64| {
-            let profile = elevation.profile(row);
+        let mut begin = |row: f64, spacing: f64| {
             row_of_stride.push(row as f32);
-            decay.push(profile.decay);
-            peak.push(profile.peak);
-            reach_m.push(profile.reach_m);
+            decay.push(elevation.profile(0, row).decay);
+            for class in 0..shear.thinning.classes {
+                let profile = elevation.profile(class, row);
+                peak[class].push(profile.peak);
+                reach_m[class].push(profile.reach_m);
+                middle_peak[class].push(elevation.profile(class, row + 0.5 * EVEN as f64 * spacing).peak);
+            }
         };
         let place = |row: f64| {
             let z_m = row.clamp(0.0, shear.rows as f64) * shear.row_step_m;
@@ -128,7 +137,7 @@ impl Warp {
             }
             spacing = (known + (of_held as f64 - 0.5 * (held - 1) as f64) * growth).clamp(CLOSEST, FARTHEST);
             class.push(BakedTape::class(press.beam, 1.0 - spacing / shear.rows_per_scatterer));
-            begin(row);
+            begin(row, spacing);
             for _ in 0..EVEN {
                 // Rows of the grid down to the next one.
                 let mut past = first + of_row.len() as f64 - row;
@@ -143,7 +152,7 @@ impl Warp {
             }
         }
         for beyond in 0..BEYOND {
-            begin(row + (beyond * EVEN) as f64 * spacing);
+            begin(row + (beyond * EVEN) as f64 * spacing, spacing);
         }
         for next in 1..of_row.len() {
             of_row[next - 1][1] = of_row[next][0] - of_row[next - 1][0];
@@ -163,11 +172,21 @@ impl Warp {
         self.class.len()
     }
 
-    /// The slice next to a row: how quickly it falls off, its peak, and how far it reaches.
-    pub fn slice_at(&self, row: usize) -> [f32; 3] {
-        let (stride, part) = (row / EVEN, (row % EVEN) as f32 * (1.0 / EVEN as f32));
-        let between = |values: &[f32]| values[stride] + part * (values[stride + 1] - values[stride]);
-        [&self.decay, &self.peak, &self.reach_m].map(|values| between(values))
+    /// The slice at a place among the rows as columns of a set see it: how quickly it falls off, its peak, and how far it
+    /// reaches.
+    pub fn slice_at(&self, class: usize, warped: f32) -> [f32; 3] {
+        let place = warped.clamp(0.0, (self.len() - 1) as f32) * (1.0 / EVEN as f32);
+        let (stride, part) = (place as usize, place.fract());
+        let between = |from: f32, to: f32, part: f32| from + part * (to - from);
+        let (peak, middle) = (&self.peak[class], self.middle_peak[class][stride]);
+        let peak = if part < 0.5 {
+            between(peak[stride], middle, 2.0 * part)
+        } else {
+            between(middle, peak[stride + 1], 2.0 * part - 1.0)
+        };
+        let (decay, reach_m) = (&self.decay, &self.reach_m[class]);
+        // As far as that of a stride that goes as one.
+        [between(decay[stride], decay[stride + 1], part), peak, reach_m[stride].max(reach_m[stride + 1])]
     }
 
     /// First and last class of the strain.
