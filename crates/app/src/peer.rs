@@ -75,8 +75,14 @@ pub trait Peer {
     fn name(&self) -> TrackerName;
     /// Hands over the set-up and waits until the tracker is ready.
     fn start(&mut self, setup: &Setup) -> Result<(), PeerError>;
-    /// Hands over a picture and waits for its answer; `None` when nobody is there to answer.
-    fn exchange(&mut self, acquisition: &Acquisition, image: &Image) -> Result<Option<Answer>, PeerError>;
+    /// Hands over a picture and waits for its answer; `None` when nobody is there to answer. `meanwhile` is called once, while
+    /// another process works on the picture.
+    fn exchange(
+        &mut self,
+        acquisition: &Acquisition,
+        image: &Image,
+        meanwhile: &mut dyn FnMut(),
+    ) -> Result<Option<Answer>, PeerError>;
     /// Hands over a picture and does not wait for its answer.
     fn post(&mut self, _acquisition: &Acquisition, _image: &Image) -> Result<(), PeerError> {
         Ok(())
@@ -137,7 +143,13 @@ impl Peer for InProcess {
         Ok(())
     }
 
-    fn exchange(&mut self, acquisition: &Acquisition, image: &Image) -> Result<Option<Answer>, PeerError> {
+    fn exchange(
+        &mut self,
+        acquisition: &Acquisition,
+        image: &Image,
+        meanwhile: &mut dyn FnMut(),
+    ) -> Result<Option<Answer>, PeerError> {
+        meanwhile();
         let controller =
             self.controller.as_mut().ok_or_else(|| PeerError::Died(" (it is not running)".into()))?;
         let command = controller.answer(acquisition, image);
@@ -178,7 +190,13 @@ impl Peer for NoTracker {
         Ok(())
     }
 
-    fn exchange(&mut self, _acquisition: &Acquisition, _image: &Image) -> Result<Option<Answer>, PeerError> {
+    fn exchange(
+        &mut self,
+        _acquisition: &Acquisition,
+        _image: &Image,
+        meanwhile: &mut dyn FnMut(),
+    ) -> Result<Option<Answer>, PeerError> {
+        meanwhile();
         Ok(None)
     }
 

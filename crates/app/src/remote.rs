@@ -129,9 +129,15 @@ impl Peer for Remote {
         self.launch()
     }
 
-    fn exchange(&mut self, acquisition: &Acquisition, image: &Image) -> Result<Option<Answer>, PeerError> {
+    fn exchange(
+        &mut self,
+        acquisition: &Acquisition,
+        image: &Image,
+        meanwhile: &mut dyn FnMut(),
+    ) -> Result<Option<Answer>, PeerError> {
         let endpoint = self.endpoint.as_mut().ok_or_else(never_started)?;
         endpoint.publish_image(acquisition, image, true).map_err(fault)?;
+        meanwhile();
         let child = &mut self.child;
         let waited = endpoint
             .wait_answer(acquisition.sequence, Duration::from_secs(SILENCE_S), || is_running(child))

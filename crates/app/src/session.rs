@@ -61,7 +61,6 @@ impl Watch for Nobody {
 struct InFlight {
     publication_tick: u64,
     image: Image,
-    hash: u64,
     truth: Truth,
     acquisition: Acquisition,
     posture: Posture,
@@ -167,9 +166,8 @@ impl Session {
         let mut was_fed = false;
         let mut sequence = 0;
         let mut physics_ms = 0.0;
-        let began = Instant::now();
-        // Time that observers held the run is not its own.
-        let mut held_s = 0.0;
+        // When the first picture was handed out, and for how long observers held the run since: that time is not its own.
+        let (mut began, mut held_s) = (None, 0.0);
 
         for _ in 0..self.scenario.duration_ticks {
             let tick = self.world.tick();
@@ -189,7 +187,7 @@ impl Session {
                 let before = Instant::now();
                 let mut requests = Vec::new();
                 let held = watch.before_image(&self.world.truth(), &mut requests);
-                held_s += before.elapsed().as_secs_f64();
+                held_s += before.elapsed().as_secs_f64() * f64::from(u8::from(began.is_some()));
                 for request in requests {
                     let detail = self.take_up(request, peer, recording);
                     recording.events.push(Event { tick, kind: EventKind::Control, detail });
@@ -211,6 +209,7 @@ impl Session {
             while in_flight.front().is_some_and(|i| i.publication_tick <= tick) {
                 let Some(mut due) = in_flight.pop_front() else { break };
                 due.publication_tick = tick;
+                let began = *began.get_or_insert_with(Instant::now);
                 let who = if down {
                     Tracker::Down
                 } else if hung {
@@ -248,7 +247,7 @@ impl Session {
             self.world.step();
             physics_ms += before.elapsed().as_secs_f32() * 1e3;
         }
-        if self.clock.is_some() {
+        if let Some(began) = began.filter(|_| self.clock.is_some()) {
             recording.timing.wall_s = began.elapsed().as_secs_f64() - held_s;
         }
         recording.timing.simulated_s = self.world.tick() as f64 / sonoloop_types::TICKS_PER_SECOND as f64;
@@ -336,7 +335,6 @@ impl Session {
         timing.render_ms.push(before.elapsed().as_secs_f32() * 1e3);
         InFlight {
             publication_tick: tick + self.world.image_delay_ticks(),
-            hash: image_hash(&image),
             image,
             truth: self.world.truth(),
             acquisition: self.world.acquisition(sequence),
@@ -356,35 +354,43 @@ impl Session {
         self.world.note_published(&acquisition);
         self.newest = acquisition.sequence;
         let command_age_ticks = self.world.command_age_ticks();
-        let mut row =
-            ImageRow { acquisition, hash: due.hash, truth: due.truth, command: None, command_age_ticks };
+        let (mut hash, mut kept) = (0, Ok(()));
+        let mut keep = || {
+            hash = image_hash(&due.image);
+            kept = recording.pixels.as_mut().map_or(Ok(()), |pixels| pixels.push(&due.image));
+        };
+        let mut command = None;
         match tracker {
-            Tracker::Up { .. } if self.clock.is_some() => peer.post(&acquisition, &due.image)?,
-            Tracker::Up { run_id } => {
+            // A tracker in another process works meanwhile.
+            Tracker::Up { run_id } if self.clock.is_none() => {
                 let before = Instant::now();
-                if let Some(answer) = peer.exchange(&acquisition, &due.image)? {
+                if let Some(answer) = peer.exchange(&acquisition, &due.image, &mut keep)? {
                     let round_trip_us = before.elapsed().as_secs_f32() * 1e6;
                     if let Ok(command) = &answer {
                         recording.timing.track_us.push(command.compute_us);
                         recording.timing.wire_us.push((round_trip_us - command.compute_us).max(0.0));
                     }
-                    row.command = self.take(acquisition.sequence, answer, run_id);
+                    command = self.take(acquisition.sequence, answer, run_id);
                 }
             }
-            Tracker::Hung => peer.show(&acquisition, &due.image)?,
-            Tracker::Down => {}
+            Tracker::Up { .. } => {
+                peer.post(&acquisition, &due.image)?;
+                keep();
+            }
+            Tracker::Hung => {
+                peer.show(&acquisition, &due.image)?;
+                keep();
+            }
+            Tracker::Down => keep(),
         }
+        kept.map_err(|e| PeerError::Fault(format!("the pictures cannot be kept: {e}")))?;
+        let row = ImageRow { acquisition, hash, truth: due.truth, command, command_age_ticks };
         for stray in peer.strays() {
             if let Some(refusal) = stray.refused {
                 self.world.refuse(stray.answers, refusal);
             }
         }
         watch.image(&row, &Shown { image: &due.image, posture: &due.posture, events: &recording.events });
-        if let Some(pixels) = &mut recording.pixels {
-            pixels
-                .push(&due.image)
-                .map_err(|e| PeerError::Fault(format!("the pictures cannot be kept: {e}")))?;
-        }
         self.spare.extend(self.shown.replace(due.image));
         Ok(row)
     }
@@ -459,7 +465,12 @@ mod tests {
         fn start(&mut self, _setup: &Setup) -> Result<(), PeerError> {
             Ok(())
         }
-        fn exchange(&mut self, _: &Acquisition, _: &Image) -> Result<Option<Answer>, PeerError> {
+        fn exchange(
+            &mut self,
+            _: &Acquisition,
+            _: &Image,
+            _: &mut dyn FnMut(),
+        ) -> Result<Option<Answer>, PeerError> {
             panic!("a paced run waits for nobody")
         }
         fn post(&mut self, acquisition: &Acquisition, _image: &Image) -> Result<(), PeerError> {

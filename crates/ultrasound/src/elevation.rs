@@ -31,12 +31,20 @@ pub struct Weights {
     pub first: u32,
 }
 
-/// The slice at one row: 1/2σ², the weight at e = 0, and where it ends, negative for columns that are left out.
+/// A depth between two rows.
 #[derive(Debug, Clone, Copy)]
-pub struct RowProfile {
-    pub decay: f32,
-    pub peak: f32,
-    pub reach_m: f32,
+pub struct Place {
+    above: usize,
+    below: usize,
+    share: f32,
+}
+
+impl Place {
+    #[inline]
+    fn between(self, values: &[f32]) -> f32 {
+        let (above, below) = (values[self.above], values[self.below]);
+        above + self.share * (below - above)
+    }
 }
 
 #[derive(Default)]
@@ -152,18 +160,33 @@ impl ElevationTable {
         Some((Weights { class: class as u32, block: block as u32, first: 0 }, runs))
     }
 
-    /// The slice at a depth in rows, as the columns of a set see it.
-    pub fn profile(&self, class: usize, row: f64) -> RowProfile {
-        let Class { peak, reach_m, .. } = &self.classes[class];
-        let row = row.clamp(0.0, (reach_m.len() - 1) as f64);
-        let (above, share) = (row as usize, row.fract() as f32);
-        let below = (above + 1).min(reach_m.len() - 1);
-        let between = |values: &[f32]| values[above] + share * (values[below] - values[above]);
-        RowProfile {
-            decay: between(&self.decay),
-            peak: between(peak),
-            reach_m: reach_m[above].max(reach_m[below]),
-        }
+    /// A depth in rows among those of the tables.
+    #[inline]
+    pub fn place(&self, row: f64) -> Place {
+        let last = self.decay.len() - 1;
+        let row = row.clamp(0.0, last as f64);
+        let above = row as usize;
+        Place { above, below: (above + 1).min(last), share: (row - above as f64) as f32 }
+    }
+
+    /// 1/2σ² there.
+    #[inline]
+    pub fn decay(&self, place: Place) -> f32 {
+        place.between(&self.decay)
+    }
+
+    /// The weight at e = 0 there, for the columns of a set.
+    #[inline]
+    pub fn peak(&self, class: usize, place: Place) -> f32 {
+        place.between(&self.classes[class].peak)
+    }
+
+    /// How far the slice reaches there for the columns of a set; negative where they are left out.
+    #[inline]
+    pub fn reach_m(&self, class: usize, place: Place) -> f32 {
+        let reach_m = &self.classes[class].reach_m;
+        let (above, below) = (reach_m[place.above], reach_m[place.below]);
+        if above > below { above } else { below }
     }
 
     /// The weights of so many rows.

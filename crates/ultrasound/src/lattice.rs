@@ -1,6 +1,6 @@
 //! Where scatterers are, and how strong: the lattice in the phantom.
 
-use crate::{beam::Beam, fast::floor};
+use crate::{beam::Beam, fast::floor_side_by_side};
 
 /// Samples in the shared tape; columns read it at hashed offsets. A column through 60 mm of tissue takes some 800 of them
 /// with a 7.5 MHz probe, so parts of it come again in other columns, at other depths and among others: speckle is held
@@ -72,10 +72,18 @@ impl Lattice {
     }
 
     /// Column next to a place in the phantom.
+    #[inline(always)]
     pub fn nearest(&self, x_m: f64, y_m: f64) -> [i32; 2] {
-        let iy = floor((y_m * self.per_m[1]).clamp(-1e6, 1e6)) as i32;
-        let ix = floor((x_m * self.per_m[0] - Self::shift(iy)).clamp(-1e6, 1e6)) as i32;
-        [ix, iy]
+        // Comparisons, as `min` and `max` also look for what is no number.
+        let within = |v: f64| {
+            let v = if v > -1e6 { v } else { -1e6 };
+            if v < 1e6 { v } else { 1e6 }
+        };
+        let iy = floor_side_by_side(within(y_m * self.per_m[1]));
+        // What is left of a third of a row's number after whole ones.
+        let thirds = Self::SHIFT * (iy as i32 as f64 + 0.5);
+        let shift = Self::SHIFT * (3.0 * (thirds - floor_side_by_side(thirds) as i32 as f64) - 0.5);
+        [floor_side_by_side(within(x_m * self.per_m[0] - shift)) as i32, iy as i32]
     }
 
     /// Amplitude that makes the speckle's mean power one when profiles have unit energy.

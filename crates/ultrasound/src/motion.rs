@@ -69,6 +69,11 @@ impl Motion {
         self.indentation.most_sideways_m() + self.drag.map_or(0.0, |drag| drag.displacement_in_phantom.norm())
     }
 
+    /// The most that tissue goes sideways where nothing drags it, along [`Self::sideways`].
+    pub fn sideways_m(&self) -> f64 {
+        self.indentation.most_sideways_m()
+    }
+
     /// The most that tissue comes nearer to the picture's plane along the columns, or goes away from it: what goes down stays
     /// on its column, which leans by the slope.
     pub fn reach_m(&self, shear: &Shear) -> f64 {

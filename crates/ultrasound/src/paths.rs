@@ -88,8 +88,9 @@ pub struct Paths {
     /// One-way transmission, and delay, of the step above each knot.
     step_transmission: Vec<f32>,
     step_delay_m: Vec<f32>,
-    /// By how far tissue has moved to every [`COARSE`]th knot.
-    moved_m: Vec<Vector>,
+    /// By how far tissue has moved to every [`COARSE`]th knot, along each axis, knots of one depth after another.
+    moved_m: [Vec<f64>; 3],
+    steps: Steps,
     march: March,
 }
 
@@ -112,7 +113,8 @@ impl Paths {
             occlusion: Occlusion::new(probe),
             step_transmission: zeros(),
             step_delay_m: zeros(),
-            moved_m: Vec::new(),
+            moved_m: Default::default(),
+            steps: Steps::default(),
             march: March::default(),
         }
     }
@@ -135,32 +137,25 @@ impl Paths {
         let step_m = self.plane.step_m();
         let down_m = phantom_from_probe * Vector::z() * (COARSE as f64 * step_m);
         let (across, rows) = self.plane.coarse();
-        self.moved_m.resize(across * rows, Vector::zeros());
+        self.moved_m.iter_mut().for_each(|moved_m| moved_m.resize(across * rows, 0.0));
         for i in 0..across {
             let x_m = self.plane.knot_x_m(COARSE * i);
             let mut point = phantom_from_probe * Point::new(x_m, 0.0, step_m / 2.0);
             let mut moved_m = Vector::zeros();
             for row in 0..rows {
                 moved_m = motion.displacement_m(point - moved_m);
-                self.moved_m[row * across + i] = moved_m;
+                for (all, moved_m) in self.moved_m.iter_mut().zip(moved_m.iter()) {
+                    all[i * rows + row] = *moved_m;
+                }
                 point += down_m;
             }
         }
     }
 
-    /// What [`Self::sample_motion`] found, between its knots.
-    fn moved_m(&self, row: usize, i: usize) -> Vector {
-        let (across, _) = self.plane.coarse();
-        let [above, below] = [row / COARSE, row.div_ceil(COARSE)].map(|row| {
-            let row = &self.moved_m[row * across..];
-            row[i / COARSE] + row[i.div_ceil(COARSE)]
-        });
-        (above + below) * 0.25
-    }
-
     /// Loss and delay of every step, read off the tissue's columns; none without a pose.
     pub fn sample(
         &mut self,
+        instructions: Instructions,
         lattice: &Lattice,
         tissue: &Columns,
         phantom_from_probe: Option<&Pose>,
@@ -182,15 +177,24 @@ impl Paths {
         // Scatterers of a column that one step passes; a step nearly along the layers counts as one point.
         let per_step = (-down.z * step_m / lattice.depth_step_m).max(1e-3) as f32;
         let length_m = step_m as f32 / per_step;
+        let down_m = down * step_m;
+        let mut steps = core::mem::take(&mut self.steps);
+        let moved_m = motion.map(|_| &self.moved_m);
+        let (_, rows) = self.plane.coarse();
         for i in 0..across {
-            let mut point = phantom_from_probe * Point::new(self.plane.knot_x_m(i), 0.0, step_m / 2.0);
+            let first = phantom_from_probe * Point::new(self.plane.knot_x_m(i), 0.0, step_m / 2.0);
+            steps.count = self.plane.knots_down() - 1;
+            let beside = moved_m.map(|moved_m| {
+                [i / COARSE, i.div_ceil(COARSE)]
+                    .map(|i| [0, 1, 2].map(|axis| &moved_m[axis][i * rows..][..rows]))
+            });
+            place(instructions, &mut steps, lattice, [first.coords, down_m], beside);
             let mut column = None;
             let mut layers: &[Layer] = &[];
             let mut top = 0.0;
             for row in 1..self.plane.knots_down() {
-                let rest = if motion.is_some() { point - self.moved_m(row - 1, i) } else { point };
-                let indices = lattice.nearest(rest.x, rest.y);
-                let from = lattice.index_at(rest.z) as f32 - per_step / 2.0;
+                let indices = [steps.ix[row - 1], steps.iy[row - 1]];
+                let from = steps.number[row - 1] - per_step / 2.0;
                 let to = from + per_step;
                 if column != Some(indices) {
                     column = Some(indices);
@@ -222,9 +226,9 @@ impl Paths {
                 }
                 self.step_transmission[row * across + i] = loss + entries;
                 self.step_delay_m[row * across + i] = delay;
-                point += down * step_m;
             }
         }
+        self.steps = steps;
         self.step_transmission.iter_mut().for_each(|loss| *loss = exp_minus(*loss));
     }
 
@@ -391,6 +395,62 @@ fn receive(
         let gain_np = loss_np - pulse_loss_np(loss_np, spread);
         let one_way = amplitude / exp_minus(gain_np);
         *two_way = one_way * one_way;
+    }
+}
+
+/// Where the middles of the steps down one column of knots lie in the lattice.
+#[derive(Default)]
+struct Steps {
+    count: usize,
+    /// At rest, phantom frame.
+    rest_m: [Vec<f64>; 3],
+    ix: Vec<i32>,
+    iy: Vec<i32>,
+    /// Number of the scatterer there, in fractions.
+    number: Vec<f32>,
+}
+
+wide! {
+    /// Finds where the steps lie, from the first one on each farther by the same way, whose tissue has moved as that of the
+    /// knots on both sides has.
+    fn place(
+        steps: &mut Steps,
+        lattice: &Lattice,
+        first_and_way_m: [Vector; 2],
+        beside: Option<[[&[f64]; 3]; 2]>,
+    ) {
+        let Steps { count, rest_m, ix, iy, number } = steps;
+        let [first_m, way_m] = first_and_way_m;
+        let count = *count;
+        for (axis, rest_m) in rest_m.iter_mut().enumerate() {
+            rest_m.resize(count, 0.0);
+            let (first_m, way_m) = (first_m[axis], way_m[axis]);
+            for (row, rest_m) in rest_m.iter_mut().enumerate() {
+                *rest_m = first_m + row as i32 as f64 * way_m;
+            }
+            let Some([left, right]) = &beside else { continue };
+            let (left, right) = (left[axis], right[axis]);
+            for (k, rest_m) in rest_m.chunks_mut(COARSE).enumerate() {
+                let here = left[k] + right[k];
+                let below = left[k + 1] + right[k + 1];
+                rest_m[0] -= 0.5 * here;
+                if let Some(rest_m) = rest_m.get_mut(1) {
+                    *rest_m -= 0.25 * (here + below);
+                }
+            }
+        }
+        ix.resize(count, 0);
+        iy.resize(count, 0);
+        number.resize(count, 0.0);
+        let [x_m, y_m, z_m] = rest_m;
+        let (ix, iy, number) = (&mut ix[..count], &mut iy[..count], &mut number[..count]);
+        let (x_m, y_m, z_m) = (&x_m[..count], &y_m[..count], &z_m[..count]);
+        for i in 0..count {
+            [ix[i], iy[i]] = lattice.nearest(x_m[i], y_m[i]);
+        }
+        for i in 0..count {
+            number[i] = lattice.index_at(z_m[i]) as f32;
+        }
     }
 }
 

@@ -145,8 +145,7 @@ struct Scratch {
 pub fn slab(elevation: &ElevationTable, class: usize, motion: Option<&Motion>) -> Slab {
     // What goes down stays on its column's line; e′ changes by what goes aside, see `Motion::aside_m`.
     let margin_m = motion.map_or(0.0, |motion| 2.0 * motion.aside_m());
-    let Slab { elevations_m: [low_m, high_m], reach_m } = elevation.slab(class);
-    Slab { elevations_m: [low_m - margin_m, high_m + margin_m], reach_m: reach_m + margin_m }
+    elevation.slab(class).wider(margin_m)
 }
 
 /// What a scatterer's echo is made of.
@@ -241,11 +240,14 @@ impl Points {
         motion: &Motion,
     ) {
         let thinning = shear.thinning;
+        // Columns that come into the slice from beside it.
+        let dragged_m = flow.dragged.as_ref().map_or(0.0, |dragged| f64::from(dragged.elevation_m.abs()));
+        let beside_m = motion.sideways_m() * flow.elevation_per_aside.abs() + dragged_m;
         let slabs: Vec<Slab> =
-            (0..thinning.classes).map(|class| slab(elevation, class, Some(motion))).collect();
+            (0..thinning.classes).map(|class| elevation.slab(class).wider(beside_m)).collect();
         let widest = |class: usize, block: usize| {
             let rows = (block * GLANCE..=(block + 1) * GLANCE).step_by(STRIDE);
-            let reach_m = |row: usize| f64::from(elevation.profile(class, row as f64).reach_m);
+            let reach_m = |row: usize| f64::from(elevation.reach_m(class, elevation.place(row as f64)));
             rows.map(reach_m).fold(f64::NEG_INFINITY, f64::max)
         };
         let blocks = shear.rows.div_ceil(GLANCE);

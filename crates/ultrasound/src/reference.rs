@@ -110,7 +110,7 @@ pub fn field(
     let drag = slice.drag.filter(Drag::is_sound);
     let moves = indentation.is_some() || drag.is_some();
     let motion = moves.then(|| Motion::new(indentation.as_ref(), drag));
-    paths.sample(&lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());
+    paths.sample(Instructions::PLAIN, &lattice, &columns, Some(&slice.phantom_from_probe), motion.as_ref());
     paths.build(Instructions::PLAIN, &beam, slice, &Shaft::new(needle));
     // Asked for which columns are left out where, and nothing else.
     let shear = Shear::new(&slice.phantom_from_probe, &beam, &lattice, &frame.geometry, 0.0, None, half);

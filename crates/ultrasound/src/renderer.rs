@@ -415,7 +415,7 @@ impl Renderer {
             || {
                 echoes.surfaces.clear();
                 // A pose that shows no tissue has none in the way either.
-                paths.sample(lattice, tissue, shear.map(|_| pose), motion);
+                paths.sample(instructions, lattice, tissue, shear.map(|_| pose), motion);
                 if let Some(shear) = shear {
                     boundary::add_echoes(
                         instructions,

@@ -46,6 +46,14 @@ pub struct Slab {
     pub reach_m: f64,
 }
 
+impl Slab {
+    /// The same and what lies so far beside it.
+    pub fn wider(self, by_m: f64) -> Self {
+        let [low_m, high_m] = self.elevations_m;
+        Self { elevations_m: [low_m - by_m, high_m + by_m], reach_m: self.reach_m + by_m }
+    }
+}
+
 /// How the phantom's columns run through the probe frame, and the sheared grid laid along them.
 ///
 /// On a column x = x′ + t·z and e = e′ + s·z in the probe frame; at rest its scatterers lie

@@ -16,7 +16,7 @@ use crate::{
 const FLOOR: f64 = 0.003;
 /// …and at most at this many σ: 3e-4, −70 dB.
 const MAX_REACH: f64 = 4.0;
-/// Columns added at a time.
+/// Columns added, and rows worked out, at a time.
 const WIDTH: usize = 8;
 
 /// Layout of a field: columns and rows of display pixels.
@@ -145,11 +145,16 @@ wide! {
             let profile =
                 &mut stamps.axial[(stamp.axial + lo - stamp.rows[0]) as usize..][..(hi - lo) as usize];
             let row = (row - f64::from(lo)) as f32;
-            for (i, out) in profile.iter_mut().enumerate() {
-                let d = i as i32 as f32 - row;
-                let axial = exp_minus(d * d * decay_z);
-                out[0] += axial * re;
-                out[1] += axial * im;
+            for (k, profile) in profile.chunks_mut(WIDTH).enumerate() {
+                let first = (k * WIDTH) as i32;
+                let axial: [f32; WIDTH] = core::array::from_fn(|i| {
+                    let d = (first + i as i32) as f32 - row;
+                    exp_minus(d * d * decay_z)
+                });
+                for (out, axial) in profile.iter_mut().zip(axial) {
+                    out[0] += axial * re;
+                    out[1] += axial * im;
+                }
             }
         }
     }

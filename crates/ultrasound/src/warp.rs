@@ -10,7 +10,7 @@ use sonoloop_types::{Point, Pose, Vector};
 use crate::{
     beam::Beam,
     elevation::{ElevationTable, STRIDE},
-    fast::{nearest, turn},
+    fast::turn,
     instructions::{Instructions, nearest_f32, wide},
     lattice::Lattice,
     motion::Motion,
@@ -37,11 +37,13 @@ const FARTHEST: f64 = 2.0;
 /// The warped rows of one band of lines.
 #[derive(Default)]
 pub struct Warp {
-    /// Depth of each, in rows of the grid.
+    /// Of each stride the depth where it begins, in rows of the grid, and how far its rows lie apart.
+    starts: Vec<[f64; 2]>,
+    /// Depth of each row, in rows of the grid.
     row: Vec<f32>,
     /// The same of every [`EVEN`]th, and of [`BEYOND`] after the last, as the next three are.
     pub row_of_stride: Vec<f32>,
-    /// The slice there as the columns of each set see it, see [`crate::elevation::RowProfile`].
+    /// The slice there as the columns of each set see it, see [`ElevationTable`].
     pub decay: Vec<f32>,
     pub peak: [Vec<f32>; CLASSES],
     /// The same halfway to where the next one begins.
@@ -49,11 +51,21 @@ pub struct Warp {
     pub reach_m: [Vec<f32>; CLASSES],
     /// The class of the strain from each of those rows to the next, for scatterers that go one by one: others have their own.
     pub class: Vec<i32>,
-    /// Turns that the carrier takes there from that of as many rows at rest, and what those are.
-    turns: Vec<f32>,
+    /// What the carrier turns by there from that of as many rows at rest.
     turn: Vec<[f32; 2]>,
+    /// Where each goes over to rows of the grid.
+    landing: Vec<Landing>,
     /// Where each row of the grid, from −[`MARGIN`] on, lies among them, and how far the next one from it.
     of_row: Vec<[f32; 2]>,
+}
+
+/// Rows of the grid that a warped row is spread over.
+#[derive(Debug, Clone, Copy)]
+struct Landing {
+    /// The first of [`DELAY_TAPS`], which counts from `DELAY_REACH` before the margin.
+    first: u32,
+    /// Which of [`BakedTape::grid_filters`] spreads it.
+    delay: u32,
 }
 
 /// What a warp follows.
@@ -92,35 +104,22 @@ impl Warp {
         elevation: &ElevationTable,
         line: usize,
     ) {
-        let Self {
-            row: rows, row_of_stride, decay, peak, middle_peak, reach_m, class, turns, of_row, ..
-        } = self;
-        for values in [&mut *rows, row_of_stride, decay] {
+        let Self { starts, row_of_stride, decay, peak, middle_peak, reach_m, class, of_row, .. } = self;
+        for values in [&mut *row_of_stride, decay] {
             values.clear();
         }
         [&mut *peak, middle_peak, reach_m].into_iter().flatten().for_each(Vec::clear);
+        starts.clear();
         class.clear();
-        turns.clear();
         of_row.clear();
-        let turns_per_row = press.beam.two_k_rad_m * shear.row_step_m / core::f64::consts::TAU;
         let x_m = shear.first_line_m + line as f64 * shear.line_pitch_m;
         let (first, end) = (-(MARGIN as f64), (shear.rows + MARGIN) as f64);
-        let mut row = first;
-        let mut moved_m = Vector::zeros();
-        let mut begin = |row: f64, spacing: f64| {
-            row_of_stride.push(row as f32);
-            decay.push(elevation.profile(0, row).decay);
-            for class in 0..shear.thinning.classes {
-                let profile = elevation.profile(class, row);
-                peak[class].push(profile.peak);
-                reach_m[class].push(profile.reach_m);
-                middle_peak[class].push(elevation.profile(class, row + 0.5 * EVEN as f64 * spacing).peak);
-            }
-        };
         let place = |row: f64| {
             let z_m = row.clamp(0.0, shear.rows as f64) * shear.row_step_m;
             Point::new(x_m + shear.lateral_slope * z_m, 0.0, z_m)
         };
+        let mut row = first;
+        let mut moved_m = Vector::zeros();
         for _ in 0..FIRST_STEPS {
             press.spacing(shear, place(row), &mut moved_m);
         }
@@ -136,30 +135,37 @@ impl Warp {
                 (growth, known) = ((now - known) / held as f64, now);
             }
             spacing = (known + (of_held as f64 - 0.5 * (held - 1) as f64) * growth).clamp(CLOSEST, FARTHEST);
-            class.push(BakedTape::class(press.beam, 1.0 - spacing / shear.rows_per_scatterer));
-            begin(row, spacing);
-            for _ in 0..EVEN {
-                // Rows of the grid down to the next one.
-                let mut past = first + of_row.len() as f64 - row;
-                while past < spacing {
-                    of_row.push([(rows.len() as f64 + past / spacing) as f32, 0.0]);
-                    past += 1.0;
-                }
-                let turns_here = turns_per_row * (rows.len() as f64 * shear.rows_per_scatterer - row);
-                turns.push((turns_here - nearest(turns_here) as f64) as f32);
-                rows.push(row as f32);
-                row += spacing;
+            let span = EVEN as f64 * spacing;
+            let [here, middle] = [0.0, 0.5].map(|part| elevation.place(row + part * span));
+            row_of_stride.push(row as f32);
+            decay.push(elevation.decay(here));
+            for class in 0..shear.thinning.classes {
+                peak[class].push(elevation.peak(class, here));
+                middle_peak[class].push(elevation.peak(class, middle));
+                reach_m[class].push(elevation.reach_m(class, here));
             }
+            // Rows of the grid down to the next stride.
+            let (rows, per_row) = ((EVEN * starts.len()) as f64, 1.0 / spacing);
+            let mut past = first + of_row.len() as f64 - row;
+            while past < span {
+                of_row.push([(rows + past * per_row) as f32, 0.0]);
+                past += 1.0;
+            }
+            class.push(BakedTape::class(press.beam, 1.0 - spacing / shear.rows_per_scatterer));
+            starts.push([row, spacing]);
+            row += span;
         }
-        for beyond in 0..BEYOND {
-            begin(row + (beyond * EVEN) as f64 * spacing, spacing);
-        }
+        // None shows there.
+        row_of_stride.extend((0..BEYOND).map(|beyond| (row + (beyond * EVEN) as f64 * spacing) as f32));
+        let last = decay.last().copied().unwrap_or(0.0);
+        decay.extend([last; BEYOND]);
+        [&mut *peak, middle_peak].into_iter().flatten().for_each(|peak| peak.extend([0.0; BEYOND]));
+        reach_m.iter_mut().for_each(|reach_m| reach_m.extend([-1.0; BEYOND]));
         for next in 1..of_row.len() {
             of_row[next - 1][1] = of_row[next][0] - of_row[next - 1][0];
         }
         of_row.pop();
-        self.turn.resize(self.turns.len(), [0.0; 2]);
-        take_turns(instructions, &self.turns, &mut self.turn);
+        lay_rows(instructions, self, press.beam, shear);
     }
 
     /// Rows of the warp, a multiple of [`EVEN`].
@@ -207,43 +213,79 @@ impl Warp {
 }
 
 wide! {
-    fn take_turns(turns: &[f32], out: &mut [[f32; 2]]) {
-        for (out, &turns) in out.iter_mut().zip(turns) {
-            *out = turn(turns);
+    /// Lays the rows of all strides.
+    fn lay_rows(warp: &mut Warp, beam: &Beam, shear: &Shear) {
+        let Warp { starts, row: rows, turn: row_turns, landing: landings, .. } = warp;
+        // Adding 1.5·2⁵² rounds to the nearest whole number.
+        const WHOLE: f64 = 6_755_399_441_055_744.0;
+        let turns_per_row = beam.two_k_rad_m * shear.row_step_m / core::f64::consts::TAU;
+        let rest = shear.rows_per_scatterer;
+        let (sub_delays, per_row) = (beam.grain.sub_delays as i32, beam.grain.sub_delays as f32);
+        rows.resize(EVEN * starts.len(), 0.0);
+        row_turns.resize(EVEN * starts.len(), [0.0; 2]);
+        landings.resize(EVEN * starts.len(), Landing { first: 0, delay: 0 });
+        let strides = rows
+            .as_chunks_mut::<EVEN>()
+            .0
+            .iter_mut()
+            .zip(row_turns.as_chunks_mut::<EVEN>().0)
+            .zip(landings.as_chunks_mut::<EVEN>().0);
+        for (index, (&[start, spacing], ((rows, row_turns), landings))) in starts.iter().zip(strides).enumerate() {
+            let first = (EVEN * index) as f64;
+            let mut turns = [0.0; EVEN];
+            for k in 0..EVEN {
+                let row = start + k as i32 as f64 * spacing;
+                let turns_here = turns_per_row * ((first + k as i32 as f64) * rest - row);
+                turns[k] = (turns_here - ((turns_here + WHOLE) - WHOLE)) as f32;
+                rows[k] = row as f32;
+            }
+            for k in 0..EVEN {
+                row_turns[k] = turn(turns[k]);
+            }
+            for k in 0..EVEN {
+                // Rounded to delays of the tape's; sub-delay s stands for the fraction s/S − ½.
+                let delays = nearest_f32((rows[k] + MARGIN as f32) * per_row + per_row / 2.0);
+                let first = nearest_f32((delays as f32 + 0.5) * (1.0 / per_row) - 0.5);
+                landings[k] = Landing { first: first as u32, delay: (delays - first * sub_delays) as u32 };
+            }
         }
     }
 }
 
 wide! {
-    /// Adds the warped rows of a band to rows of the grid, which are replaced. Both hold, per row, `BAND` real parts, then
-    /// as many imaginary ones.
-    pub fn straighten(warp: &Warp, warped: &[f32], tape: &BakedTape, rows: &mut [f32]) {
-        rows.fill(0.0);
-        let warped = warped.as_chunks::<{ 2 * BAND }>().0;
+    /// Lays the warped rows of a band, which are turned, on rows of the grid, which are replaced. Both hold, per row, `BAND`
+    /// real parts, then as many imaginary ones.
+    pub fn straighten(warp: &Warp, warped: &mut [f32], tape: &BakedTape, rows: &mut [f32]) {
+        let warped = warped.as_chunks_mut::<{ 2 * BAND }>().0;
         let rows = rows.as_chunks_mut::<{ 2 * BAND }>().0;
-        let (sub_delays, count) = (tape.sub_delays as u32, tape.sub_delays as f32);
-        for ((warped, &row), &[cos, sin]) in warped.iter().zip(&warp.row).zip(&warp.turn) {
-            // Rounded to delays of the tape's; sub-delay s stands for the fraction s/S − ½.
-            let delays = ((row + MARGIN as f32) * count + count / 2.0 + 0.5) as u32;
-            let first = (delays / sub_delays) as usize;
-            let taps = &tape.grid_filters[(delays % sub_delays) as usize];
-            let mut turned = [0.0; 2 * BAND];
+        for (warped, &[cos, sin]) in warped.iter_mut().zip(&warp.turn) {
+            let values = *warped;
             for i in 0..BAND {
-                turned[i] = warped[i] * cos - warped[BAND + i] * sin;
+                warped[i] = values[i] * cos - values[BAND + i] * sin;
             }
             for i in 0..BAND {
-                turned[BAND + i] = warped[BAND + i] * cos + warped[i] * sin;
+                warped[BAND + i] = values[BAND + i] * cos + values[i] * sin;
             }
-            // What lies in the grid of the rows from `first` on, which counts from before the margin.
-            const BEFORE: usize = MARGIN + DELAY_REACH;
-            let skipped = BEFORE.saturating_sub(first).min(DELAY_TAPS);
-            let end = (first + DELAY_TAPS).saturating_sub(BEFORE).min(rows.len());
-            let begin = (first + skipped).saturating_sub(BEFORE).min(end);
-            for (row, tap) in rows[begin..end].iter_mut().zip(&taps[skipped..]) {
-                for (out, value) in row.iter_mut().zip(&turned) {
-                    *out += tap * value;
+        }
+        // Warped rows that reach the row at hand.
+        let (mut begin, mut end) = (0, 0);
+        for (at, row) in rows.iter_mut().enumerate() {
+            // Counts from before the margin.
+            let at = (at + MARGIN + DELAY_REACH) as u32;
+            while end < warped.len() && warp.landing[end].first <= at {
+                end += 1;
+            }
+            while begin < end && warp.landing[begin].first + (DELAY_TAPS as u32) <= at {
+                begin += 1;
+            }
+            let mut sum = [0.0; 2 * BAND];
+            for (warped, landing) in warped[begin..end].iter().zip(&warp.landing[begin..end]) {
+                let tap = tape.grid_filters[landing.delay as usize][(at - landing.first) as usize];
+                for (sum, value) in sum.iter_mut().zip(warped) {
+                    *sum += tap * value;
                 }
             }
+            *row = sum;
         }
     }
 }
