@@ -3,7 +3,7 @@
 use crate::{
     beam::{Beam, PROFILE_REACH, unit_energy_peak},
     fast::{exp_minus, floor, turn},
-    instructions::wide,
+    instructions::{Instructions, wide},
     lateral::{BeamFilters, LateralScratch},
 };
 
@@ -78,7 +78,7 @@ impl AxialScratch {
         let clip = |row: i64| row.clamp(0, *rows as i64) as usize;
         let mut filled = None;
         for (i, out) in out.chunks_exact_mut(2 * columns).enumerate() {
-            let length = self.tabulate(beam, (first_row + i) as f64 * spacing_m);
+            let length = self.tabulate(*instructions, beam, (first_row + i) as f64 * spacing_m);
             let Pulse { count, .. } = self.pulses[length];
             self.group(filters, columns, spacing_m, first_row + i, count);
             let count = count as i64;
@@ -116,13 +116,14 @@ impl AxialScratch {
     }
 
     /// Sees to the pulse of a depth; returns its place in `pulses`.
-    fn tabulate(&mut self, beam: &Beam, depth_m: f64) -> usize {
+    fn tabulate(&mut self, instructions: Instructions, beam: &Beam, depth_m: f64) -> usize {
         let length = (beam.sigma_axial_at_m(depth_m) / beam.sigma_axial_m * LENGTHS + 0.5) as usize;
         if self.pulses.len() <= length {
             self.pulses.resize_with(length + 1, Pulse::default);
         }
         if self.pulses[length].taps.is_empty() {
-            self.pulses[length] = Pulse::new(beam.sigma_axial_m * length as f64 / LENGTHS, self.row_step_m);
+            self.pulses[length] =
+                Pulse::new(instructions, beam.sigma_axial_m * length as f64 / LENGTHS, self.row_step_m);
         }
         length
     }
@@ -163,20 +164,34 @@ impl AxialScratch {
 }
 
 impl Pulse {
-    fn new(sigma_m: f64, row_step_m: f64) -> Self {
-        let peak = unit_energy_peak(sigma_m) as f32;
-        let decay = (0.5 / (sigma_m * sigma_m)) as f32;
+    fn new(instructions: Instructions, sigma_m: f64, row_step_m: f64) -> Self {
         let reach_m = PROFILE_REACH * sigma_m;
         let count = (2 * (reach_m / row_step_m).ceil() as usize).clamp(2, TAPS);
-        let taps = (0..FRACTIONS).map(|i| {
-            let place = (count / 2 - 1) as f64 + i as f64 / FRACTIONS as f64;
-            core::array::from_fn(|row| {
-                let d_m = (place - row as f64) * row_step_m;
-                let d = d_m as f32;
-                if d_m.abs() <= reach_m { peak * exp_minus(d * d * decay) } else { 0.0 }
-            })
-        });
-        Self { taps: taps.collect(), count }
+        let mut taps = vec![[0.0; TAPS]; FRACTIONS];
+        let sigma_rows = (sigma_m / row_step_m) as f32;
+        fill_taps(
+            instructions,
+            &mut taps,
+            (count / 2 - 1) as f32,
+            sigma_rows,
+            unit_energy_peak(sigma_m) as f32,
+        );
+        Self { taps, count }
+    }
+}
+
+wide! {
+    /// A pulse with this σ in rows at all fractions of a row after row `above`.
+    fn fill_taps(taps: &mut [[f32; TAPS]], above: f32, sigma_rows: f32, peak: f32) {
+        let (decay, reach) = (0.5 / (sigma_rows * sigma_rows), PROFILE_REACH as f32 * sigma_rows);
+        for (i, taps) in taps.iter_mut().enumerate() {
+            let place = above + i as i32 as f32 / FRACTIONS as f32;
+            for (row, tap) in taps.iter_mut().enumerate() {
+                let d = place - row as i32 as f32;
+                let inside = if d.abs() <= reach { peak } else { 0.0 };
+                *tap = inside * exp_minus(d * d * decay);
+            }
+        }
     }
 }
 

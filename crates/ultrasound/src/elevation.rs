@@ -53,6 +53,8 @@ struct Block {
     /// Runs of bin b of the block are `runs[starts[b]..starts[b + 1]]`.
     starts: Vec<u32>,
     weights: Vec<f32>,
+    /// Of the bin at hand: which strides show.
+    shows: Vec<u32>,
 }
 
 /// The slice as the columns of one of [`Thinning`]'s sets see it.
@@ -61,6 +63,8 @@ struct Class {
     peak: Vec<f32>,
     /// Negative where they are left out.
     reach_m: Vec<f32>,
+    /// Of each stride's first and last row: e − e′, and the reach.
+    ends: Vec<[f32; 4]>,
     slab: Slab,
     first_bin: i64,
     bins: usize,
@@ -99,7 +103,7 @@ impl ElevationTable {
         self.drift_m.extend((0..shear.rows).map(|row| drift_m(row) as f32));
         self.classes.resize_with(thinning.classes, Class::default);
         for (index, class) in self.classes.iter_mut().enumerate() {
-            let Class { peak, reach_m, slab, first_bin, bins, blocks } = class;
+            let Class { peak, reach_m, ends, slab, first_bin, bins, blocks } = class;
             peak.clear();
             reach_m.clear();
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -120,11 +124,16 @@ impl ElevationTable {
             // None at all where every row leaves them out.
             *first_bin = if low <= high { (low / bin_m).floor() as i64 } else { 0 };
             *bins = if low <= high { ((high / bin_m).ceil() as i64 - *first_bin + 1) as usize } else { 0 };
-            let ends = [*first_bin, *first_bin + *bins as i64 - 1];
-            *slab = Slab { elevations_m: ends.map(|bin| bin as f64 * bin_m), reach_m: widest_m };
+            let outer = [*first_bin, *first_bin + *bins as i64 - 1];
+            *slab = Slab { elevations_m: outer.map(|bin| bin as f64 * bin_m), reach_m: widest_m };
             let (first_bin, bins) = (*first_bin, *bins);
             blocks.resize_with(bins.div_ceil(BLOCK), Block::default);
-            let profile = Profile { instructions, decay: &self.decay, peak, reach_m, drift_m: &self.drift_m };
+            ends.clear();
+            ends.extend(self.drift_m.chunks(STRIDE).zip(reach_m.chunks(STRIDE)).map(|(drift_m, reach_m)| {
+                let last = drift_m.len() - 1;
+                [drift_m[0], reach_m[0], drift_m[last], reach_m[last]]
+            }));
+            let profile = Profile { instructions, decay: &self.decay, peak, drift_m: &self.drift_m, ends };
             blocks.par_iter_mut().enumerate().for_each(|(index, block)| {
                 block.clear();
                 for bin in index * BLOCK..((index + 1) * BLOCK).min(bins) {
@@ -157,7 +166,8 @@ impl ElevationTable {
         let (block, bin) = (bin as usize / BLOCK, bin as usize % BLOCK);
         let Block { runs, starts, .. } = &blocks[block];
         let runs = &runs[starts[bin] as usize..starts[bin + 1] as usize];
-        Some((Weights { class: class as u32, block: block as u32, first: 0 }, runs))
+        let weights = Weights { class: class as u32, block: block as u32, first: 0 };
+        (!runs.is_empty()).then_some((weights, runs))
     }
 
     /// A depth in rows among those of the tables.
@@ -196,13 +206,13 @@ impl ElevationTable {
     }
 }
 
-/// Of each row: 1/2σ², the weight at e = 0, where the slice ends, and e − e′.
+/// Of each row: 1/2σ², the weight at e = 0, and e − e′; of each stride's first and last row: e − e′ and where the slice ends.
 struct Profile<'a> {
     instructions: Instructions,
     decay: &'a [f32],
     peak: &'a [f32],
-    reach_m: &'a [f32],
     drift_m: &'a [f32],
+    ends: &'a [[f32; 4]],
 }
 
 impl Block {
@@ -214,34 +224,38 @@ impl Block {
     }
 
     fn push_bin(&mut self, shear: &Shear, e_m: f64, widest_m: f64, profile: &Profile) {
-        let Profile { decay, peak, reach_m, drift_m, .. } = profile;
+        let Profile { decay, peak, drift_m, .. } = profile;
         let [lo, hi] = shear.strides_within(e_m, shear.elevation_slope, widest_m).map(|row| row as usize);
         let e = e_m as f32;
-        let inside = |row: usize| (e + drift_m[row]).abs() <= reach_m[row];
-        // Looked at where a stride begins and ends: one that is crossed between them has e of both signs.
-        let counts = |row: usize| {
-            let last = row + STRIDE - 1;
-            let crossed = (e + drift_m[row]) * (e + drift_m[last]) <= 0.0 && reach_m[row] > 0.0;
-            inside(row) || inside(last) || crossed
-        };
-        let mut row = lo;
-        while row < hi {
-            let start = row;
-            while row < hi && counts(row) {
-                row += STRIDE;
-            }
-            let any = row > start;
-            if any {
-                self.runs.push(Run { lo: start as u32, hi: row as u32, first: self.weights.len() as u32 });
-                let first = self.weights.len();
-                self.weights.resize(first + row - start, 0.0);
-                let (drift_m, decay, peak) = (&drift_m[start..row], &decay[start..row], &peak[start..row]);
-                weigh(profile.instructions, e, drift_m, decay, peak, &mut self.weights[first..]);
-            } else {
-                row += STRIDE;
-            }
+        let (mut from, end) = (lo / STRIDE, hi / STRIDE);
+        self.shows.resize(self.shows.len().max(end), 0);
+        if from < end {
+            look(profile.instructions, e, &profile.ends[from..end], &mut self.shows[from..end]);
+        }
+        while let Some(hidden) = self.shows[from.min(end)..end].iter().position(|&shows| shows != 0) {
+            from += hidden;
+            let count = self.shows[from..end].iter().position(|&shows| shows == 0).unwrap_or(end - from);
+            let rows = from * STRIDE..(from + count) * STRIDE;
+            let first = self.weights.len();
+            self.runs.push(Run { lo: rows.start as u32, hi: rows.end as u32, first: first as u32 });
+            self.weights.resize(first + rows.len(), 0.0);
+            let (drift_m, decay, peak) = (&drift_m[rows.clone()], &decay[rows.clone()], &peak[rows]);
+            weigh(profile.instructions, e, drift_m, decay, peak, &mut self.weights[first..]);
+            from += count;
         }
         self.starts.push(self.runs.len() as u32);
+    }
+}
+
+wide! {
+    /// Which strides of one bin show. Looked at where each begins and ends: one that is crossed between them has e of both
+    /// signs.
+    fn look(e_m: f32, ends: &[[f32; 4]], shows: &mut [u32]) {
+        for (shows, &[first_m, first_reach_m, last_m, last_reach_m]) in shows.iter_mut().zip(ends) {
+            let (first_m, last_m) = (e_m + first_m, e_m + last_m);
+            let crossed = (first_m * last_m <= 0.0) & (first_reach_m > 0.0);
+            *shows = u32::from((first_m.abs() <= first_reach_m) | (last_m.abs() <= last_reach_m) | crossed);
+        }
     }
 }
 
