@@ -45,6 +45,8 @@ const MIN_REVERBERATION: f64 = 0.1;
 const MAX_WEDGE: f64 = 0.1;
 /// Neighbours belong to one surface when it is not steeper than this between them.
 const MAX_SLOPE: f64 = 2.0;
+/// Slopes beside its own that the beam sees of a patch anyway.
+const SEEN_BEND: f64 = 0.1;
 
 /// Where a column passes from one material into another.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,8 +80,9 @@ pub struct Facet {
     pub z_m: f32,
     /// ln of the mirror's level over unit speckle.
     pub level_np: f32,
-    /// dz/dx and dz/dy, phantom frame.
-    pub slope: [f32; 2],
+    /// Least and most of dz/dx and of dz/dy on the patch, phantom frame: the same where the surface is next to flat. On the
+    /// top of a thread they lie far apart, and it echoes wherever columns happen to meet it.
+    pub slopes: [[f32; 2]; 2],
 }
 
 /// What a facet reflects.
@@ -117,11 +120,13 @@ pub fn facets(
     let facets = own.iter().enumerate().filter_map(|(index, boundary)| {
         let mut like = 0;
         let mut near = 0;
+        let mut rises = [([0.0; 2], None); 6];
         let mut parallel = true;
         // Least squares for the plane through this place; the ridge keeps what is not known at zero.
         let (mut xx, mut xy, mut yy, mut xr, mut yr) =
             (1e-6 * dx_m * dx_m, 0.0, 1e-6 * dx_m * dx_m, 0.0, 0.0);
-        for ([x_m, y_m], others) in &around {
+        for (([x_m, y_m], others), rise) in around.iter().zip(&mut rises) {
+            rise.0 = [*x_m, *y_m];
             let same = others.iter().filter(|other| other.between == boundary.between);
             let nearest = same.min_by(|a, b| {
                 let distance_m = |other: &Boundary| (other.z_m - boundary.z_m).abs();
@@ -131,6 +136,7 @@ pub fn facets(
             like += 1;
             parallel &= (nearest.thickness_m - boundary.thickness_m).abs() < MAX_WEDGE * dx_m;
             let rise_m = nearest.z_m - boundary.z_m;
+            rise.1 = Some(rise_m);
             if rise_m.abs() < MAX_SLOPE * dx_m {
                 near += 1;
                 (xx, xy, yy) = (xx + x_m * x_m, xy + x_m * y_m, yy + y_m * y_m);
@@ -142,13 +148,32 @@ pub fn facets(
             return None;
         }
         let determinant = xx * yy - xy * xy;
+        let slope = [xr * yy - yr * xy, yr * xx - xr * xy].map(|v| v / determinant);
+        let slopes = [0, 1].map(|axis| {
+            // From the one before to this one and on to the next, next to where that would be.
+            let [before, after] = [-1.0, 1.0].map(|side| {
+                let beside = |(offset_m, _): &&([f64; 2], Option<f64>)| {
+                    side * offset_m[axis] > 0.1 * dx_m && offset_m[1 - axis].abs() < 0.4 * dx_m
+                };
+                rises.iter().find(beside).and_then(|(offset_m, rise_m)| Some((*rise_m)? / offset_m[axis]))
+            });
+            // Where one is missing the surface goes on bending away.
+            let away = |slope: f64| MAX_SLOPE.copysign(slope);
+            let [before, after] = match (before, after) {
+                (Some(before), Some(after)) => [before, after],
+                (Some(slope), None) | (None, Some(slope)) => [slope, away(slope)],
+                (None, None) => [-MAX_SLOPE, MAX_SLOPE],
+            };
+            let [least, most] = [before.min(after) + SEEN_BEND, before.max(after) - SEEN_BEND];
+            [least.min(slope[axis]) as f32, most.max(slope[axis]) as f32]
+        });
         // Faces that are not parallel send the sound away sideways.
         let far_face = own.get(index + 1).filter(|next| parallel && next.between[0] == boundary.between[1]);
         let ratio = far_face.map_or(0.0, |face| (boundary.reflection * face.reflection).abs());
         let facet = Facet {
             z_m: boundary.z_m as f32,
             level_np: (PLANE_LEVEL_DB * NEPER_PER_DB + libm::log(boundary.reflection.abs())) as f32,
-            slope: [xr * yy - yr * xy, yr * xx - xr * xy].map(|v| (v / determinant) as f32),
+            slopes,
         };
         let mirror = Mirror {
             reflection: boundary.reflection,
@@ -259,8 +284,14 @@ impl Mirrors<'_> {
         let Self { beam, lattice, shear, motion, axes, window_m, level } = *self;
         let [lateral, elevational, down] = axes;
         let reach_m = WINDOW_REACH * window_m;
-        let &Facet { z_m, level_np, slope } = facet;
-        let (rest_z_m, slope) = (f64::from(z_m), slope.map(f64::from));
+        let &Facet { z_m, level_np, slopes } = facet;
+        let rest_z_m = f64::from(z_m);
+        // Where the patch faces the probe best.
+        let facing = [-down.x / down.z, -down.y / down.z];
+        let slope: [f64; 2] = core::array::from_fn(|axis| {
+            let [least, most] = slopes[axis].map(f64::from);
+            facing[axis].clamp(least, most)
+        });
         let row = shear.top_row.at(ix, iy) + lattice.index_at(rest_z_m) * shear.rows_per_scatterer;
         let mut z_m = row * shear.row_step_m;
         let mut e_m = shear.e.at(ix, iy) + shear.elevation_slope * z_m;
