@@ -89,6 +89,9 @@ pub struct Facet {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mirror {
     pub reflection: f64,
+    /// dz/dx and dz/dy at the column, and metres per which either grows by one; 0 where it hardly changes.
+    pub slope: [f64; 2],
+    pub bend_m: [f64; 2],
     /// Distance of the echoes between this face and the next, and their ratio; 0 without.
     pub spacing_m: f64,
     pub ratio: f64,
@@ -118,25 +121,31 @@ pub fn facets(
     ]
     .map(|(offset_m, [ix, iy])| (offset_m, boundaries(ix, iy)));
     let facets = own.iter().enumerate().filter_map(|(index, boundary)| {
+        // The same surface in a column beside, and what material is there at this depth.
+        let nearest = |others: &[Boundary]| -> Option<Boundary> {
+            let same = others.iter().filter(|other| other.between == boundary.between);
+            let distance_m = |other: &Boundary| (other.z_m - boundary.z_m).abs();
+            same.min_by(|a, b| distance_m(a).total_cmp(&distance_m(b))).copied()
+        };
+        let beside_it = |others: &[Boundary]| {
+            let below = others.partition_point(|other| other.z_m > boundary.z_m);
+            match (below.checked_sub(1), others.get(below)) {
+                (Some(above), _) => others[above].between[1],
+                (None, Some(below)) => below.between[0],
+                (None, None) => own[0].between[0],
+            }
+        };
         let mut like = 0;
         let mut near = 0;
-        let mut rises = [([0.0; 2], None); 6];
         let mut parallel = true;
         // Least squares for the plane through this place; the ridge keeps what is not known at zero.
         let (mut xx, mut xy, mut yy, mut xr, mut yr) =
             (1e-6 * dx_m * dx_m, 0.0, 1e-6 * dx_m * dx_m, 0.0, 0.0);
-        for (([x_m, y_m], others), rise) in around.iter().zip(&mut rises) {
-            rise.0 = [*x_m, *y_m];
-            let same = others.iter().filter(|other| other.between == boundary.between);
-            let nearest = same.min_by(|a, b| {
-                let distance_m = |other: &Boundary| (other.z_m - boundary.z_m).abs();
-                distance_m(a).total_cmp(&distance_m(b))
-            });
-            let Some(nearest) = nearest else { continue };
+        for ([x_m, y_m], others) in &around {
+            let Some(nearest) = nearest(others) else { continue };
             like += 1;
             parallel &= (nearest.thickness_m - boundary.thickness_m).abs() < MAX_WEDGE * dx_m;
             let rise_m = nearest.z_m - boundary.z_m;
-            rise.1 = Some(rise_m);
             if rise_m.abs() < MAX_SLOPE * dx_m {
                 near += 1;
                 (xx, xy, yy) = (xx + x_m * x_m, xy + x_m * y_m, yy + y_m * y_m);
@@ -149,22 +158,25 @@ pub fn facets(
         }
         let determinant = xx * yy - xy * xy;
         let slope = [xr * yy - yr * xy, yr * xx - xr * xy].map(|v| v / determinant);
+        let mut bend_m = [0.0; 2];
         let slopes = [0, 1].map(|axis| {
             // From the one before to this one and on to the next, next to where that would be.
             let [before, after] = [-1.0, 1.0].map(|side| {
-                let beside = |(offset_m, _): &&([f64; 2], Option<f64>)| {
+                let beside = |(offset_m, _): &&([f64; 2], Vec<Boundary>)| {
                     side * offset_m[axis] > 0.1 * dx_m && offset_m[1 - axis].abs() < 0.4 * dx_m
                 };
-                rises.iter().find(beside).and_then(|(offset_m, rise_m)| Some((*rise_m)? / offset_m[axis]))
+                let Some((offset_m, others)) = around.iter().find(beside) else { return 0.0 };
+                match nearest(others) {
+                    Some(nearest) => (nearest.z_m - boundary.z_m) / offset_m[axis],
+                    // Where it is not met the surface goes on bending, down if what lies on it is there.
+                    None if beside_it(others) == boundary.between[0] => -MAX_SLOPE.copysign(side),
+                    None => MAX_SLOPE.copysign(side),
+                }
             });
-            // Where one is missing the surface goes on bending away.
-            let away = |slope: f64| MAX_SLOPE.copysign(slope);
-            let [before, after] = match (before, after) {
-                (Some(before), Some(after)) => [before, after],
-                (Some(slope), None) | (None, Some(slope)) => [slope, away(slope)],
-                (None, None) => [-MAX_SLOPE, MAX_SLOPE],
-            };
             let [least, most] = [before.min(after) + SEEN_BEND, before.max(after) - SEEN_BEND];
+            if least < most {
+                bend_m[axis] = [dx_m, dy_m][axis] / (after - before);
+            }
             [least.min(slope[axis]) as f32, most.max(slope[axis]) as f32]
         });
         // Faces that are not parallel send the sound away sideways.
@@ -177,6 +189,8 @@ pub fn facets(
         };
         let mirror = Mirror {
             reflection: boundary.reflection,
+            slope,
+            bend_m,
             spacing_m: boundary.thickness_m,
             ratio: if reverberates && ratio >= MIN_REVERBERATION { ratio } else { 0.0 },
         };
@@ -292,10 +306,16 @@ impl Mirrors<'_> {
             let [least, most] = slopes[axis].map(f64::from);
             facing[axis].clamp(least, most)
         });
+        // There is a little beside the column, on a parabola.
+        let aside_m: [f64; 2] =
+            core::array::from_fn(|axis| (slope[axis] - mirror.slope[axis]) * mirror.bend_m[axis]);
+        let rest_z_m = rest_z_m
+            + (0..2).map(|axis| 0.5 * (slope[axis] + mirror.slope[axis]) * aside_m[axis]).sum::<f64>();
+        let aside_m = Vector::new(aside_m[0], aside_m[1], 0.0);
         let row = shear.top_row.at(ix, iy) + lattice.index_at(rest_z_m) * shear.rows_per_scatterer;
         let mut z_m = row * shear.row_step_m;
-        let mut e_m = shear.e.at(ix, iy) + shear.elevation_slope * z_m;
-        let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m;
+        let mut e_m = shear.e.at(ix, iy) + shear.elevation_slope * z_m + aside_m.dot(&elevational);
+        let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m + aside_m.dot(&lateral);
         let mut normal = Vector::new(-slope[0], -slope[1], 1.0);
         let hidden =
             |x_m: f64, e_m: f64, z_m: f64| z_m < 0.0 || e_m.abs() > reach_m || x_m.abs() > shear.reach_m;

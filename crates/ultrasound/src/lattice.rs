@@ -47,6 +47,18 @@ impl Lattice {
         }
     }
 
+    #[cfg(test)]
+    pub fn of_rows(row_spacing_m: f64) -> Self {
+        let spacings_m = [row_spacing_m; 3];
+        Self {
+            column_spacing_m: row_spacing_m,
+            row_spacing_m,
+            depth_step_m: row_spacing_m,
+            per_m: spacings_m.map(|spacing_m| 1.0 / spacing_m),
+            seed: 0,
+        }
+    }
+
     /// Shift of a row against the one before along x, in spacings.
     pub const SHIFT: f64 = 1.0 / 3.0;
 

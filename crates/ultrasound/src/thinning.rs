@@ -85,3 +85,91 @@ fn left(ratio: f64, k: usize) -> f64 {
     let share = share.clamp(0.0, 1.0);
     1.0 - share * share * (3.0 - 2.0 * share)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIGMA_LATERAL_M: f64 = 0.15e-3;
+
+    fn lattice() -> Lattice {
+        Lattice::of_rows(ROWS_PER_SIGMA * SIGMA_LATERAL_M)
+    }
+
+    /// x′ and e′ of the columns under an upright probe.
+    fn turned(yaw_deg: f64) -> [Affine; 2] {
+        let [dx_m, dy_m] = lattice().spacing_m();
+        let (sin, cos) = libm::sincos(yaw_deg.to_radians());
+        [[cos * dx_m, sin * dy_m], [-sin * dx_m, cos * dy_m]].map(|[per_ix, per_iy]| Affine {
+            at_zero: 0.0,
+            per_ix,
+            per_iy,
+        })
+    }
+
+    /// Mean power of the speckle about a place in the slice, from all columns that reach it, over the mean everywhere.
+    fn power(yaw_deg: f64, sigma_m: f64, [x_m, e_m]: [f64; 2]) -> f64 {
+        let lattice = lattice();
+        let [x, e] = turned(yaw_deg);
+        let thinning = Thinning::new(&lattice, x, e, sigma_m);
+        let reach = (5.0 * sigma_m / lattice.row_spacing_m) as i32 + 4;
+        let columns = (-reach..=reach).flat_map(|iy| (-reach - 2..=reach + 2).map(move |ix| [ix, iy]));
+        let sum: f64 = columns
+            .map(|[ix, iy]| {
+                let gain = thinning.gain(thinning.class(ix, iy), sigma_m);
+                let [u, v] = [(x.at(ix, iy) - x_m) / SIGMA_LATERAL_M, (e.at(ix, iy) - e_m) / sigma_m];
+                gain * gain * libm::exp(-u * u - v * v)
+            })
+            .sum();
+        let [dx_m, dy_m] = lattice.spacing_m();
+        sum * dx_m * dy_m / (core::f64::consts::PI * SIGMA_LATERAL_M * sigma_m)
+    }
+
+    /// The most that the mean power is off one anywhere, for slices of 1.6 σ of the lateral beam, as thin as probes have
+    /// them, to eight.
+    fn ripple(yaw_deg: f64) -> f64 {
+        let places = (0..40).map(|i| {
+            let steps = [f64::from(i) * 0.618, f64::from(i) * 0.414];
+            steps.map(|steps| steps.fract() * 4.0 * lattice().row_spacing_m)
+        });
+        let sigmas = [1.6, 1.75, 1.9, 2.1, 2.3, 2.6, 3.5, 4.2, 4.6, 5.2, 7.0, 8.0];
+        places
+            .flat_map(|place| sigmas.map(|sigma| power(yaw_deg, sigma * SIGMA_LATERAL_M, place)))
+            .fold(0.0, |most, power| (power - 1.0).abs().max(most))
+    }
+
+    #[test]
+    fn truth_mean_power_is_that_of_all_columns_at_any_place_and_yaw() {
+        for yaw_deg in [0.0, 4.0, 8.0, 12.0, 20.0, 30.0, 40.0, 45.0, -10.0, 135.0, 172.0] {
+            let ripple = ripple(yaw_deg);
+            assert!(ripple < 0.055, "{ripple:.3} at {yaw_deg}°");
+        }
+        for yaw_deg in [60.0, 68.0, 76.0, 82.0, 90.0, 98.0, 115.0, 270.0] {
+            let ripple = ripple(yaw_deg);
+            assert!(ripple < 0.085, "{ripple:.3} at {yaw_deg}°");
+        }
+    }
+
+    #[test]
+    fn a_thick_slice_has_few_columns_lengthwise_and_crosswise() {
+        for (yaw_deg, part) in [(0.0, 0.125), (20.0, 0.125), (90.0, 0.125), (45.0, 1.0)] {
+            let [x, e] = turned(yaw_deg);
+            let sigma_m = 14.0 * SIGMA_LATERAL_M;
+            let thinning = Thinning::new(&lattice(), x, e, sigma_m);
+            let places = (0..64).flat_map(|iy| (0..64).map(move |ix| [ix, iy]));
+            let drawn =
+                places.filter(|&[ix, iy]| thinning.gain(thinning.class(ix, iy), sigma_m) > 0.0).count();
+            assert!((drawn as f64 / 4096.0 - part).abs() < 0.02, "{drawn} of 4096 at {yaw_deg}°");
+        }
+    }
+
+    #[test]
+    fn small_turns_keep_what_is_left_out() {
+        let at = |yaw_deg: f64| {
+            let [x, e] = turned(yaw_deg);
+            Thinning::new(&lattice(), x, e, 8.0 * SIGMA_LATERAL_M)
+        };
+        let changes = (0..1000).filter(|&i| at(f64::from(i) * 0.01) != at(f64::from(i + 1) * 0.01)).count();
+        assert!(changes < 4, "{changes} in ten degrees");
+    }
+}

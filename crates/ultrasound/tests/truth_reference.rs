@@ -77,6 +77,9 @@ fn truth_at_rest_and_moved_by_parts_of_a_pixel() {
 #[test]
 fn truth_under_yaw() {
     check(pose(0.31, 0.12, -0.2, 33.0, 0.0, 0.0));
+    // Crosswise columns are left out along the rows, and at 45° none are.
+    check(pose(10.31, 0.12, -0.2, 87.0, 3.0, 0.0));
+    check(pose(10.31, 0.12, -0.2, 45.0, 0.0, 0.0));
 }
 
 #[test]
