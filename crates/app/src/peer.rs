@@ -75,8 +75,8 @@ pub trait Peer {
     fn name(&self) -> TrackerName;
     /// Hands over the set-up and waits until the tracker is ready.
     fn start(&mut self, setup: &Setup) -> Result<(), PeerError>;
-    /// Hands over a picture and waits for its answer; `None` when nobody is there to answer. `meanwhile` is called once, while
-    /// another process works on the picture.
+    /// Hands over a picture and waits for its answer; `None` when nobody is there to answer. `meanwhile` may be called
+    /// once, while another process works on the picture.
     fn exchange(
         &mut self,
         acquisition: &Acquisition,
@@ -147,9 +147,8 @@ impl Peer for InProcess {
         &mut self,
         acquisition: &Acquisition,
         image: &Image,
-        meanwhile: &mut dyn FnMut(),
+        _meanwhile: &mut dyn FnMut(),
     ) -> Result<Option<Answer>, PeerError> {
-        meanwhile();
         let controller =
             self.controller.as_mut().ok_or_else(|| PeerError::Died(" (it is not running)".into()))?;
         let command = controller.answer(acquisition, image);
@@ -194,9 +193,8 @@ impl Peer for NoTracker {
         &mut self,
         _acquisition: &Acquisition,
         _image: &Image,
-        meanwhile: &mut dyn FnMut(),
+        _meanwhile: &mut dyn FnMut(),
     ) -> Result<Option<Answer>, PeerError> {
-        meanwhile();
         Ok(None)
     }
 

@@ -187,7 +187,9 @@ impl Session {
                 let before = Instant::now();
                 let mut requests = Vec::new();
                 let held = watch.before_image(&self.world.truth(), &mut requests);
-                held_s += before.elapsed().as_secs_f64() * f64::from(u8::from(began.is_some()));
+                if began.is_some() {
+                    held_s += before.elapsed().as_secs_f64();
+                }
                 for request in requests {
                     let detail = self.take_up(request, peer, recording);
                     recording.events.push(Event { tick, kind: EventKind::Control, detail });
@@ -209,7 +211,7 @@ impl Session {
             while in_flight.front().is_some_and(|i| i.publication_tick <= tick) {
                 let Some(mut due) = in_flight.pop_front() else { break };
                 due.publication_tick = tick;
-                let began = *began.get_or_insert_with(Instant::now);
+                let (began, _) = *began.get_or_insert_with(|| (Instant::now(), tick));
                 let who = if down {
                     Tracker::Down
                 } else if hung {
@@ -247,10 +249,12 @@ impl Session {
             self.world.step();
             physics_ms += before.elapsed().as_secs_f32() * 1e3;
         }
-        if let Some(began) = began.filter(|_| self.clock.is_some()) {
+        let (began, first_tick) = began.unwrap_or((Instant::now(), self.world.tick()));
+        if self.clock.is_some() {
             recording.timing.wall_s = began.elapsed().as_secs_f64() - held_s;
         }
-        recording.timing.simulated_s = self.world.tick() as f64 / sonoloop_types::TICKS_PER_SECOND as f64;
+        recording.timing.simulated_s =
+            (self.world.tick() - first_tick) as f64 / sonoloop_types::TICKS_PER_SECOND as f64;
         Ok(())
     }
 
@@ -354,17 +358,17 @@ impl Session {
         self.world.note_published(&acquisition);
         self.newest = acquisition.sequence;
         let command_age_ticks = self.world.command_age_ticks();
-        let (mut hash, mut kept) = (0, Ok(()));
+        let mut kept = None;
         let mut keep = || {
-            hash = image_hash(&due.image);
-            kept = recording.pixels.as_mut().map_or(Ok(()), |pixels| pixels.push(&due.image));
+            let pushed = recording.pixels.as_mut().map_or(Ok(()), |pixels| pixels.push(&due.image));
+            (image_hash(&due.image), pushed)
         };
         let mut command = None;
         match tracker {
             // A tracker in another process works meanwhile.
             Tracker::Up { run_id } if self.clock.is_none() => {
                 let before = Instant::now();
-                if let Some(answer) = peer.exchange(&acquisition, &due.image, &mut keep)? {
+                if let Some(answer) = peer.exchange(&acquisition, &due.image, &mut || kept = Some(keep()))? {
                     let round_trip_us = before.elapsed().as_secs_f32() * 1e6;
                     if let Ok(command) = &answer {
                         recording.timing.track_us.push(command.compute_us);
@@ -373,17 +377,12 @@ impl Session {
                     command = self.take(acquisition.sequence, answer, run_id);
                 }
             }
-            Tracker::Up { .. } => {
-                peer.post(&acquisition, &due.image)?;
-                keep();
-            }
-            Tracker::Hung => {
-                peer.show(&acquisition, &due.image)?;
-                keep();
-            }
-            Tracker::Down => keep(),
+            Tracker::Up { .. } => peer.post(&acquisition, &due.image)?,
+            Tracker::Hung => peer.show(&acquisition, &due.image)?,
+            Tracker::Down => {}
         }
-        kept.map_err(|e| PeerError::Fault(format!("the pictures cannot be kept: {e}")))?;
+        let (hash, pushed) = kept.unwrap_or_else(keep);
+        pushed.map_err(|e| PeerError::Fault(format!("the pictures cannot be kept: {e}")))?;
         let row = ImageRow { acquisition, hash, truth: due.truth, command, command_age_ticks };
         for stray in peer.strays() {
             if let Some(refusal) = stray.refused {

@@ -158,21 +158,38 @@ pub fn facets(
         }
         let determinant = xx * yy - xy * xy;
         let slope = [xr * yy - yr * xy, yr * xx - xr * xy].map(|v| v / determinant);
+        // The nearest one and the next along an axis.
+        let places = |axis: usize, side: i32| match axis {
+            0 => [beside(side, iy), beside(2 * side, iy)],
+            _ => [beside(0, iy + side), beside(-side, iy + 2 * side)],
+        };
+        // A thread: what goes on for two columns on one side is flat, or nearly, and ends or has a corner here, which sends next
+        // to nothing back.
+        let mut ends = |axis: usize, side: i32| {
+            let [_, (_, [ix, iy])] = places(axis, side);
+            nearest(&boundaries(ix, iy)).is_none()
+        };
+        let thin = (ends(0, -1) && ends(0, 1)) || (ends(1, -1) && ends(1, 1));
         let mut bend_m = [0.0; 2];
         let slopes = [0, 1].map(|axis| {
-            // From the one before to this one and on to the next, next to where that would be.
-            let [before, after] = [-1.0, 1.0].map(|side| {
-                let beside = |(offset_m, _): &&([f64; 2], Vec<Boundary>)| {
-                    side * offset_m[axis] > 0.1 * dx_m && offset_m[1 - axis].abs() < 0.4 * dx_m
-                };
-                let Some((offset_m, others)) = around.iter().find(beside) else { return 0.0 };
-                match nearest(others) {
-                    Some(nearest) => (nearest.z_m - boundary.z_m) / offset_m[axis],
-                    // Where it is not met the surface goes on bending, down if what lies on it is there.
-                    None if beside_it(others) == boundary.between[0] => -MAX_SLOPE.copysign(side),
-                    None => MAX_SLOPE.copysign(side),
-                }
+            // What is left of depths without the slope across.
+            let level_m = |offset_m: [f64; 2], z_m: f64| z_m - slope[1 - axis] * offset_m[1 - axis];
+            let sides = [-1, 1].map(|side| {
+                let [(offset_m, _), _] = places(axis, side);
+                let (_, others) = around.iter().find(|(known_m, _)| *known_m == offset_m)?;
+                Some((offset_m, nearest(others), beside_it(others)))
             });
+            let [Some(before), Some(after)] = sides.map(|side| side.filter(|_| thin)) else {
+                return [slope[axis] as f32; 2];
+            };
+            let slope_to = |(offset_m, met, _): ([f64; 2], Option<Boundary>, u16)| {
+                met.map(|met| (level_m(offset_m, met.z_m) - boundary.z_m) / offset_m[axis])
+            };
+            // Not met any more it bends away: down if what lies on it is there.
+            let away =
+                |side: f64, beside: u16| if beside == boundary.between[0] { -side } else { side } * MAX_SLOPE;
+            let before = slope_to(before).unwrap_or(away(-1.0, before.2));
+            let after = slope_to(after).unwrap_or(away(1.0, after.2));
             let [least, most] = [before.min(after) + SEEN_BEND, before.max(after) - SEEN_BEND];
             if least < most {
                 bend_m[axis] = [dx_m, dy_m][axis] / (after - before);
@@ -316,13 +333,14 @@ impl Mirrors<'_> {
         let mut z_m = row * shear.row_step_m;
         let mut e_m = shear.e.at(ix, iy) + shear.elevation_slope * z_m + aside_m.dot(&elevational);
         let mut x_m = shear.x.at(ix, iy) + shear.lateral_slope * z_m + aside_m.dot(&lateral);
+        z_m += aside_m.dot(&down);
         let mut normal = Vector::new(-slope[0], -slope[1], 1.0);
         let hidden =
             |x_m: f64, e_m: f64, z_m: f64| z_m < 0.0 || e_m.abs() > reach_m || x_m.abs() > shear.reach_m;
         if let Some(motion) = motion {
             let [column_x_m, column_y_m] = lattice.column_m(ix, iy);
-            let rest = Point::new(column_x_m, column_y_m, rest_z_m);
-            let by_place = *by_place.get_or_insert_with(|| motion.by_place(rest.x, rest.y));
+            let by_place = *by_place.get_or_insert_with(|| motion.by_place(column_x_m, column_y_m));
+            let rest = Point::new(column_x_m, column_y_m, rest_z_m) + aside_m;
             let by_m = motion.displacement_of(by_place, rest);
             [x_m, e_m, z_m] = [(x_m, lateral), (e_m, elevational), (z_m, down)]
                 .map(|(at_rest_m, axis)| at_rest_m + by_m.dot(&axis));
@@ -370,7 +388,7 @@ struct Patch {
 }
 
 impl Patch {
-    /// Appends its echoes. Facets are 0.3 mm apart, and on a slope of 10° the phase turns once around from one to the
+    /// Appends its echoes. Facets are 0.25 mm apart, and on a slope of 10° the phase turns once around from one to the
     /// next: they would add up as a grating does. So a facet on a slope is a row of points on its plane, under a Gaussian
     /// that is wide enough for those of neighbours to add up to an even line.
     fn add(&self, beam: &Beam, spacing_m: f64, amplitude: f64, late_m: f64, echoes: &mut Vec<Echo>) {

@@ -3,7 +3,8 @@
 //! # Model
 //!
 //! Scatterers sit on a lattice fixed in the phantom, each with a complex Gaussian amplitude, so the field of
-//! any beam is Rayleigh and moves with the tissue. A scatterer at (x, e, z) of the probe frame adds
+//! any beam is Rayleigh and moves with the tissue. Where the slice is thick some are left out, and the others stronger by as
+//! much power (`thinning`). A scatterer at (x, e, z) of the probe frame adds
 //!
 //! `a · w(e; z) · L(u − x) · P(v − z) · exp(−i·2k·z)`
 //!

@@ -189,7 +189,8 @@ impl Shear {
         };
         for (value, [low, high]) in [(e, slab.elevations_m), (x, lines_m), (there, [-aside_m, aside_m])] {
             let at_zero = value.in_row(iy);
-            if value.per_ix.abs() < 1e-9 {
+            let farthest = self.columns[0].map(|ix| f64::from(ix.abs()));
+            if value.per_ix.abs() * farthest[0].max(farthest[1]) < ALONG_M {
                 // The row runs along the picture.
                 if at_zero < low - ALONG_M || at_zero > high + ALONG_M {
                     return 0..0;

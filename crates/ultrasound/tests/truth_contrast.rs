@@ -73,7 +73,7 @@ fn truth_edges_are_as_sharp_as_the_beam() {
             let i = profile.iter().position(|&v| v > level).expect("an edge").max(1);
             i as f64 - (profile[i] - level) / (profile[i] - profile[i - 1])
         };
-        // From 16 to 84 % are 2σ. The lattice's columns, of both kinds of rows, stand 1.4 px apart: an edge is made of
+        // From 16 to 84 % are 2σ. The lattice's columns, of all three kinds of rows, stand 0.8 px apart: an edge is made of
         // few, and its width is that of a smooth one to a fraction of that.
         let width_px = crossing(0.841) - crossing(0.159);
         assert!((width_px - 2.0 * sigma_px).abs() < 0.4, "{width_px} px for {}", 2.0 * sigma_px);

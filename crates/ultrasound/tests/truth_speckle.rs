@@ -73,7 +73,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn truth_speckle_moves_with_the_tissue_where_columns_fade() {
-    // Pressed in by half a millimetre the picture is the same five pixels higher, but for what the beam changes over half a
+    // Half a millimetre deeper the picture is the same five pixels higher, but for what the beam changes over half a
     // millimetre: e.g. a slice of twice the σ sees what correlates by √(2·2/(1 + 4)) = 0.89, and its σ halves within 4 mm.
     for (yaw_deg, x_mm, y_mm) in [(0.0, 0.2, 0.7), (90.0, 1.3, -0.4)] {
         let mut renderer = renderer(8);
@@ -83,7 +83,6 @@ fn truth_speckle_moves_with_the_tissue_where_columns_fade() {
             let there = band(&before, first..first + 20).into_iter().map(intensity).collect::<Vec<_>>();
             let here = band(&after, first - 5..first + 15).into_iter().map(intensity).collect::<Vec<_>>();
             let alike = correlation(&there, &here);
-            println!("{yaw_deg}° rows {first}: {alike:.3}");
             assert!(alike > 0.9, "{alike} at {yaw_deg}°, row {first}");
         }
     }
