@@ -88,7 +88,7 @@ pub struct Paths {
     /// One-way transmission, and delay, of the step above each knot.
     step_transmission: Vec<f32>,
     step_delay_m: Vec<f32>,
-    /// By how far tissue has moved to every [`COARSE`]th knot, along each axis, knots of one depth after another.
+    /// By how far tissue has moved to every [`COARSE`]th knot, along each axis: down one column of knots, then the next.
     moved_m: [Vec<f64>; 3],
     steps: Steps,
     march: March,
