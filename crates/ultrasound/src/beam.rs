@@ -154,15 +154,13 @@ impl Beam {
 
     /// σ of the elevational amplitude profile at a depth.
     pub fn sigma_elevation_m(&self, depth_m: f64) -> f64 {
-        let index = (depth_m * (1.0 / DEPTH_STEP_M) + 0.5) as usize;
-        self.elevation_sigma_m[index.min(self.elevation_sigma_m.len() - 1)]
+        next_to(&self.elevation_sigma_m, depth_m)
     }
 
     /// The most that is nowhere more than [`Self::sigma_elevation_m`], and e times as much no sooner than [`STEADY_SIGMAS`] of the
     /// pulse farther on: what follows it changes little within the stretches of tape that go as one.
     pub fn steady_sigma_m(&self, depth_m: f64) -> f64 {
-        let index = (depth_m * (1.0 / DEPTH_STEP_M) + 0.5) as usize;
-        self.steady_sigma_m[index.min(self.steady_sigma_m.len() - 1)]
+        next_to(&self.steady_sigma_m, depth_m)
     }
 
     /// σ of the pulse's amplitude along depth, at a depth.
@@ -237,6 +235,13 @@ impl Beam {
         let spread = self.widening(x_m, depth_m) * self.lens.axial(depth_m);
         (LEVEL_REFERENCE_THICKNESS_M / self.thickness_m(depth_m) / spread).sqrt()
     }
+}
+
+/// The entry of a table by depth next to one.
+#[inline]
+fn next_to(table: &[f64], depth_m: f64) -> f64 {
+    let index = (depth_m * (1.0 / DEPTH_STEP_M) + 0.5) as usize;
+    table[index.min(table.len() - 1)]
 }
 
 /// The most that is nowhere more than some values, and changes by a factor of e^`rate` at most from one to the next.

@@ -58,12 +58,18 @@ pub fn nearest(v: f64) -> i64 {
     (v + WHOLE).to_bits() as i64 - WHOLE.to_bits() as i64
 }
 
+/// The same as a number: loops over it vectorise.
+#[inline(always)]
+pub fn whole(v: f64) -> f64 {
+    const WHOLE: f64 = 6_755_399_441_055_744.0;
+    (v + WHOLE) - WHOLE
+}
+
 /// Largest whole number at or below `v`, for |v| below 2⁵¹: exact, and loops over it vectorise; by itself it takes twice [`floor`]'s
 /// instructions.
 #[inline(always)]
 pub fn floor_side_by_side(v: f64) -> i64 {
-    const WHOLE: f64 = 6_755_399_441_055_744.0;
-    let near = (v + WHOLE) - WHOLE;
+    let near = whole(v);
     nearest(if near > v { near - 1.0 } else { near })
 }
 

@@ -66,7 +66,7 @@ impl Motion {
     /// The most that tissue goes sideways, or is dragged. The column that it belongs to may stand twice as far off: seen along columns
     /// that lean by up to 60° a metre of the phantom's horizontal is up to two of the picture's plane.
     pub fn aside_m(&self) -> f64 {
-        self.indentation.most_sideways_m() + self.drag.map_or(0.0, |drag| drag.displacement_in_phantom.norm())
+        self.sideways_m() + self.drag.map_or(0.0, |drag| drag.displacement_in_phantom.norm())
     }
 
     /// The most that tissue goes sideways where nothing drags it, along [`Self::sideways`].

@@ -10,7 +10,7 @@ use sonoloop_types::{Point, Pose, Vector};
 use crate::{
     beam::Beam,
     elevation::{ElevationTable, STRIDE},
-    fast::turn,
+    fast::{turn, whole},
     instructions::{Instructions, nearest_f32, wide},
     lattice::Lattice,
     motion::Motion,
@@ -39,9 +39,7 @@ const FARTHEST: f64 = 2.0;
 pub struct Warp {
     /// Of each stride the depth where it begins, in rows of the grid, and how far its rows lie apart.
     starts: Vec<[f64; 2]>,
-    /// Depth of each row, in rows of the grid.
-    row: Vec<f32>,
-    /// The same of every [`EVEN`]th, and of [`BEYOND`] after the last, as the next three are.
+    /// That depth again, and of [`BEYOND`] strides after the last, as the next four are.
     pub row_of_stride: Vec<f32>,
     /// The slice there as the columns of each set see it, see [`ElevationTable`].
     pub decay: Vec<f32>,
@@ -51,7 +49,7 @@ pub struct Warp {
     pub reach_m: [Vec<f32>; CLASSES],
     /// The class of the strain from each of those rows to the next, for scatterers that go one by one: others have their own.
     pub class: Vec<i32>,
-    /// What the carrier turns by there from that of as many rows at rest.
+    /// What the carrier turns by at each row from that of as many rows at rest.
     turn: Vec<[f32; 2]>,
     /// Where each goes over to rows of the grid.
     landing: Vec<Landing>,
@@ -170,7 +168,7 @@ impl Warp {
 
     /// Rows of the warp, a multiple of [`EVEN`].
     pub fn len(&self) -> usize {
-        self.row.len()
+        self.landing.len()
     }
 
     /// How many times [`EVEN`] rows those are.
@@ -215,28 +213,22 @@ impl Warp {
 wide! {
     /// Lays the rows of all strides.
     fn lay_rows(warp: &mut Warp, beam: &Beam, shear: &Shear) {
-        let Warp { starts, row: rows, turn: row_turns, landing: landings, .. } = warp;
-        // Adding 1.5·2⁵² rounds to the nearest whole number.
-        const WHOLE: f64 = 6_755_399_441_055_744.0;
+        let Warp { starts, turn: row_turns, landing: landings, .. } = warp;
         let turns_per_row = beam.two_k_rad_m * shear.row_step_m / core::f64::consts::TAU;
         let rest = shear.rows_per_scatterer;
         let (sub_delays, per_row) = (beam.grain.sub_delays as i32, beam.grain.sub_delays as f32);
-        rows.resize(EVEN * starts.len(), 0.0);
         row_turns.resize(EVEN * starts.len(), [0.0; 2]);
         landings.resize(EVEN * starts.len(), Landing { first: 0, delay: 0 });
-        let strides = rows
-            .as_chunks_mut::<EVEN>()
-            .0
-            .iter_mut()
-            .zip(row_turns.as_chunks_mut::<EVEN>().0)
-            .zip(landings.as_chunks_mut::<EVEN>().0);
-        for (index, (&[start, spacing], ((rows, row_turns), landings))) in starts.iter().zip(strides).enumerate() {
+        let (row_turns, landings) =
+            (row_turns.as_chunks_mut::<EVEN>().0, landings.as_chunks_mut::<EVEN>().0);
+        let strides = starts.iter().zip(row_turns).zip(landings);
+        for (index, ((&[start, spacing], row_turns), landings)) in strides.enumerate() {
             let first = (EVEN * index) as f64;
-            let mut turns = [0.0; EVEN];
+            let (mut turns, mut rows) = ([0.0; EVEN], [0.0; EVEN]);
             for k in 0..EVEN {
                 let row = start + k as i32 as f64 * spacing;
                 let turns_here = turns_per_row * ((first + k as i32 as f64) * rest - row);
-                turns[k] = (turns_here - ((turns_here + WHOLE) - WHOLE)) as f32;
+                turns[k] = (turns_here - whole(turns_here)) as f32;
                 rows[k] = row as f32;
             }
             for k in 0..EVEN {

@@ -107,7 +107,8 @@ pub struct Timing {
     pub physics_ms: Vec<f32>,
     /// Tracking and servoing, µs, one entry per answer.
     pub track_us: Vec<f32>,
-    /// From handing out the image to receiving the answer, less the tracker's own time, µs.
+    /// From handing out the image to receiving the answer, less the tracker's own time, µs. Pictures are kept meanwhile, and if that
+    /// takes longer, it counts.
     pub wire_us: Vec<f32>,
     /// From the first image published to the last answer.
     pub wall_s: f64,
