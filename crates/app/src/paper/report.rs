@@ -57,8 +57,9 @@ fn differences() -> Section {
              confirmed recovery); the paper's own is what the curves named so show, with the slips of its equations corrected.",
         ),
         (
-            "Water",
-            "The scanner is set to 1483 m/s for it, else 1540 m/s are assumed, which draws a tip in water 4 % too deep.",
+            "Sound speed",
+            "The scanner is set to 1483 m/s for it, which 1540 m/s would draw 4 % too deep, and to 1510 m/s for gelatin; else it assumes \
+             1540 m/s.",
         ),
         (
             "By hand",
