@@ -194,39 +194,34 @@ impl Tracker {
     ) -> Option<Scored> {
         let reach = self.scoring_reach();
         self.region.fill_about(self.registrar.instructions, image, &self.taps, peak_px, reach);
-        let start_px = self.refine(peak_px)?;
+        let (start_px, is_peak) = self.refine(peak_px)?;
         let view = self.view_at(&Placement::at(start_px), sought.median).ok()?;
-        let rejected = sought.scored(start_px, view, None, false);
 
         let change = self.change(&self.anchor, sought.median);
         self.registrar.leash_px = MAX_MOVE_PX;
         let end = self.registrar.run(&self.region, &self.anchor, change, Placement::at(start_px));
         self.registrar.leash_px = f64::INFINITY;
-        let end = match end {
-            Ok(end) => end,
-            Err(failure) => {
-                *iterations += failure.iterations;
-                return Some(rejected);
-            }
+        *iterations += end.map_or_else(|failure| failure.iterations, |end| end.iterations);
+        let end = end.ok().filter(|end| distance(start_px, end.place.centre_px) < MAX_MOVE_PX);
+        // A registration knows what it minimises, and in a tip whose echo has changed its shape that may lie beside what looks most
+        // like T_1, or nowhere near. It sharpens a place; that there is one is for the NCC to say.
+        let sharper = end.and_then(|end| Some((end, self.view_at(&end.place, sought.median).ok()?)));
+        let sharper = sharper.filter(|(_, ended)| ended.ncc_anchor >= view.ncc_anchor);
+        let (at_px, view, conditioning) = match sharper {
+            Some((end, ended)) => (end.place.centre_px, ended, Some(end.conditioning)),
+            None => (start_px, view, None),
         };
-        *iterations += end.iterations;
-        let at_px = end.place.centre_px;
-        let Ok(view) = self.view_at(&end.place, sought.median) else {
-            return Some(rejected);
-        };
-        let alike = Hysteresis::accepts(&self.settings, &view);
         let axis_px = sought.context.axis_px.filter(|_| asks_shaft);
-        let accepted = alike
+        let accepted = (sharper.is_some() || is_peak)
+            && Hysteresis::accepts(&self.settings, &view)
             && sought.may_be_at(at_px)
-            && distance(start_px, at_px) < MAX_MOVE_PX
             && axis_px.is_none_or(|axis_px| !shaft::goes_on(image, at_px, axis_px));
-        let scored = sought.scored(at_px, view, Some(end.conditioning), accepted);
-        better(Some(scored), Some(rejected))
+        Some(sought.scored(at_px, view, conditioning, accepted))
     }
 
-    /// The whole-pixel shift of a place with the best NCC with T_1.
-    fn refine(&mut self, peak_px: [f64; 2]) -> Option<[f64; 2]> {
-        let mut best: Option<(f64, [f64; 2])> = None;
+    /// The whole-pixel shift of a place with the best NCC with T_1, and whether it is better than all about it.
+    fn refine(&mut self, peak_px: [f64; 2]) -> Option<([f64; 2], bool)> {
+        let mut best: Option<(f64, [f64; 2], bool)> = None;
         for dv in -REFINE_PX..=REFINE_PX {
             for du in -REFINE_PX..=REFINE_PX {
                 let at = add(peak_px, [f64::from(du), f64::from(dv)]);
@@ -234,12 +229,12 @@ impl Tracker {
                     continue;
                 }
                 let Some(ncc) = self.moments(&self.anchor.padded).and_then(|m| m.ncc()) else { continue };
-                if best.is_none_or(|(highest, _)| ncc > highest) {
-                    best = Some((ncc, at));
+                if best.is_none_or(|(highest, ..)| ncc > highest) {
+                    best = Some((ncc, at, du.abs().max(dv.abs()) < REFINE_PX));
                 }
             }
         }
-        best.map(|(_, at)| at)
+        best.map(|(_, at, is_peak)| (at, is_peak))
     }
 
     /// Half-side of the region in which one place is scored; never beyond that of tracking.

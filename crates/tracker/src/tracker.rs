@@ -61,6 +61,9 @@ pub struct Tracker {
     pub(crate) anchor: Template,
     /// T_n.
     pub(crate) previous: Template,
+    /// The last T_n that might have been taken for the lost tip itself. A tip that leaves the plane looks less and less like it
+    /// did within it: as it looked last of all, nothing may look again.
+    recalled: Template,
     pub(crate) belief: Belief,
     guesser: Guesser,
     pub(crate) pyramid: Pyramid,
@@ -143,6 +146,7 @@ impl Tracker {
         let median = lit_median(tracker.registrar.instructions, image, None);
         tracker.anchor.refresh(&tracker.registrar.patch, median);
         tracker.previous.refresh(&tracker.registrar.patch, median);
+        tracker.recalled.refresh(&tracker.registrar.patch, median);
         if is_flat(&tracker.anchor, &settings) {
             return Err(TrackerError::NoTexture { tip_px });
         }
@@ -199,6 +203,7 @@ impl Tracker {
             last: Estimate::bare(state, Reason::Restarted, Some(tip_px)),
             settings,
             anchor,
+            recalled: previous.clone(),
             previous,
             picture_px,
         };
@@ -269,6 +274,9 @@ impl Tracker {
         self.belief.state.tracked();
         if update {
             self.previous.refresh(&self.registrar.patch, median);
+            if Hysteresis::accepts(&self.settings, &view) {
+                self.recalled.refresh(&self.registrar.patch, median);
+            }
         }
         self.pyramid.remember(image, median, at);
         let estimate = self.estimate(Reason::Ok, at, Some(view), iterations);
@@ -389,6 +397,9 @@ impl Tracker {
         iterations: u32,
     ) -> Estimate {
         self.belief.tip_px = add(self.belief.tip_px, motion_px.unwrap_or_default());
+        if self.belief.state.state() == TrackState::Tracking {
+            self.previous.refresh(&self.recalled.padded, self.recalled.median);
+        }
         self.belief.state.lost();
         self.belief.candidate_px = None;
         self.belief.linear = UPRIGHT;
@@ -405,6 +416,7 @@ impl Tracker {
         self.guesser.rest(tip_px);
         if self.settings.update != UpdateStrategy::None {
             self.previous.refresh(&self.registrar.patch, median);
+            self.recalled.refresh(&self.registrar.patch, median);
         }
     }
 
