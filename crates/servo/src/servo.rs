@@ -18,7 +18,7 @@ const CONTACT_SHARE: f64 = 0.2;
 const LEAST_CONTACT_N: f64 = 0.2;
 
 /// How far a hand may push on after it was told to stop. [assumed] A quick one, 14 mm/s, and a slow reaction, 0.6 s, make 8.4 mm.
-const HAND_GOES_ON_M: f64 = 10e-3;
+pub(crate) const HAND_GOES_ON_M: f64 = 10e-3;
 
 /// What the servo is doing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -140,9 +140,7 @@ impl Servo {
         let confirmation = match &self.state.mode {
             _ if !self.in_contact(acquisition) => Confirmation::Held,
             Mode::Search(search) if search.holds_confirmation() => Confirmation::Held,
-            Mode::Search(search) if Jog::applies(&self.setup, acquisition) && !search.jog.goes() => {
-                Confirmation::Counts
-            }
+            Mode::Search(search) if Jog::applies(&self.setup) && !search.jog.goes() => Confirmation::Counts,
             _ => Confirmation::Confirms,
         };
         let axis_px = match self.setup.view {
@@ -230,11 +228,12 @@ impl Servo {
                     },
                 );
                 let mut feed_m_s = 0.0;
-                if Jog::applies(&self.setup, acquisition) {
+                if Jog::applies(&self.setup) {
                     let ready = !search.holds_confirmation() && in_contact && !stands;
                     // A search has lost a tip.
                     let expected_px = carried_px.unwrap_or_default();
-                    let seen = Seen { setup: &self.setup, acquisition, time_s, expected_px, remaining_m };
+                    let seen =
+                        Seen { setup: &self.setup, acquisition, time_s, dt_s, expected_px, remaining_m };
                     let given_up;
                     (feed_m_s, given_up) = search.jog.advance(&seen, candidate_px.filter(|_| ready));
                     if given_up {
@@ -275,7 +274,11 @@ impl Servo {
     /// How far a lost tip may have gone on along the needle beyond what was measured, in a lateral view.
     fn unmeasured_m(&self, acquisition: &Acquisition) -> f64 {
         let by_hand = self.setup.view == View::Lateral && acquisition.depth_m.is_none();
-        if by_hand { HAND_GOES_ON_M } else { 0.0 }
+        match &self.state.mode {
+            Mode::Search(search) if by_hand => HAND_GOES_ON_M + search.jog.asked_m(),
+            _ if by_hand => HAND_GOES_ON_M,
+            _ => 0.0,
+        }
     }
 
     /// Whether the probe is on the surface, as far as its force can tell.
