@@ -30,7 +30,7 @@ pub struct Checkpoint {
     pub picture_px: [u32; 2],
     /// T_1.
     pub anchor: SavedTemplate,
-    /// T_n.
+    /// The last T_n that might have been taken for the lost tip.
     pub previous: SavedTemplate,
     /// T_1 unblurred, where the settings refine.
     pub sharp: Option<SavedTemplate>,

@@ -101,11 +101,12 @@ impl Tracker {
         let mut iterations = 0;
 
         // A candidate that is still where it was needs no search. Once the plane stands it has passed for no bead of the shaft in
-        // the same view, and is not asked again: as the needle moves, every image has other speckle ahead of it.
+        // the same view, and is not asked again while it is tested: as the needle moves, every image has other speckle ahead of it.
+        // Before it is believed it is: where a shadow had cut the shaft, the shadow may have gone.
         let mut best = None;
         if let Some(expected_px) = expected_px {
-            let moving = context.confirmation == Confirmation::Held;
-            let again = self.score(image, &sought, moving, expected_px, &mut iterations);
+            let asks_shaft = context.confirmation != Confirmation::Counts;
+            let again = self.score(image, &sought, asks_shaft, expected_px, &mut iterations);
             best = again.filter(|s| s.accepted && distance(s.at_px, expected_px) <= SAME_CANDIDATE_PX);
         }
         let same = best.is_some();

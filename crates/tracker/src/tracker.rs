@@ -491,7 +491,7 @@ impl Tracker {
             template_px: self.settings.template_px,
             picture_px: self.picture_px,
             anchor: SavedTemplate::from(&self.anchor),
-            previous: SavedTemplate::from(&self.previous),
+            previous: SavedTemplate::from(&self.recalled),
             sharp: self.refinement.as_ref().map(|refinement| SavedTemplate::from(&refinement.anchor)),
             tip_px: self.belief.tip_px,
             lost_images: self.belief.state.lost_images(),

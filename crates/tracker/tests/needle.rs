@@ -196,6 +196,45 @@ fn a_candidate_that_is_refused_gives_way_to_the_tip() {
     assert!(distance(at(tracker.track(&both, &Context { refused: &refused, ..held })), tip) < 2.0);
 }
 
+/// Seen with a shadow that cut the shaft and went while the candidate at its edge was tested: the bead of the shaft that lay there
+/// went along with the needle, and was believed.
+#[test]
+fn a_candidate_beyond_which_the_shaft_goes_on_by_now_is_not_believed() {
+    let mut scene = NeedleScene::new(73, 0.3, 0.45);
+    let (tip, [u, v]) = scene.path();
+    let length = u.hypot(v);
+    let axis_px = [u / length, v / length];
+    let ahead = [tip[0] + 40.0 * axis_px[0], tip[1] + 40.0 * axis_px[1]];
+    for (asked, believed) in [(None, TrackState::Tracking), (Some(axis_px), TrackState::Lost)] {
+        let counts = Context {
+            motion_px: Some([0.0; 2]),
+            confirmation: Confirmation::Counts,
+            axis_px: asked,
+            ..Context::default()
+        };
+        let mut tracker =
+            Tracker::new(robust(Similarity::Scv), &scene.image(tip, 1.0), tip).expect("a sound image");
+        assert_eq!(tracker.track(&scene.image(tip, 0.0), &counts).state, TrackState::Lost);
+        for _ in 0..4 {
+            assert_eq!(tracker.track(&scene.image(tip, 1.0), &counts).state, TrackState::Recovering);
+        }
+        let mut longer = scene.image(ahead, 1.0);
+        let brightest =
+            longer.pixels.iter().zip(&scene.image(tip, 1.0).pixels).map(|(a, b)| *a.max(b)).collect();
+        longer.pixels = brightest;
+        // As the needle moves, what lies ahead is another thing in every image: while the candidate is tested it is not asked.
+        assert_eq!(tracker.track(&longer, &counts).state, TrackState::Recovering);
+        assert!(distance(tracker.last_estimate().tip_px.expect("a candidate"), tip) < 2.0);
+        let confirms = Context { confirmation: Confirmation::Confirms, ..counts };
+        let estimate = tracker.track(&longer, &confirms);
+        assert_eq!(estimate.state, believed, "{asked:?}");
+        let mut seen = (0..20).map(|_| tracker.track(&longer, &confirms));
+        let end = seen.find(|estimate| estimate.state == TrackState::Tracking).expect("a tip");
+        let at = if believed == TrackState::Tracking { tip } else { ahead };
+        assert!(distance(end.tip_px.expect("a tip"), at) < 2.0, "{asked:?}: {:?}", end.tip_px);
+    }
+}
+
 #[test]
 fn a_tip_where_it_should_be_is_found_among_many_that_are_likelier() {
     let mut scene = NeedleScene::new(74, 0.3, 0.45);
