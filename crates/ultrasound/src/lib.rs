@@ -88,6 +88,7 @@ mod motion;
 mod needle;
 mod occlusion;
 mod paths;
+mod per_thread;
 mod points;
 pub mod reference;
 mod renderer;

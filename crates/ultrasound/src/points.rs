@@ -17,6 +17,7 @@ use crate::{
     instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
+    per_thread::PerThread,
     shear::{Shear, Slab},
     splat::{self, Grid, transpose},
     strides::{Band, Places, Strides, add_column},
@@ -24,8 +25,6 @@ use crate::{
     warp::{Press, Warp, straighten},
 };
 
-/// Bands per task; fixed, though results do not depend on it.
-const TASK_BANDS: usize = 2;
 /// Rows at a time that are looked at for whether a column shows there.
 const GLANCE: usize = 8 * STRIDE;
 /// Parts of the lattice's rows that are listed at a time; fixed, though results do not depend on it.
@@ -119,7 +118,7 @@ pub struct Points {
     warps: Vec<Warp>,
     /// First and last class of the strain.
     classes: [i32; 2],
-    scratch: Vec<Scratch>,
+    scratch: PerThread<Scratch>,
 }
 
 /// Columns of a part of the lattice that may show.
@@ -130,7 +129,7 @@ struct Part {
     by_band: Vec<Vec<u32>>,
 }
 
-/// A band under way.
+/// A band under way, of one thread.
 #[derive(Default)]
 struct Scratch {
     /// Per line the real parts by row, then the imaginary ones.
@@ -191,13 +190,10 @@ impl Points {
         let flow = Flow::new(beam, shear, lattice, tissue, phantom_from_probe, motion);
         self.list(&flow, shear, elevation, lattice, tissue, motion);
         let bands = grid.bands(shear.lines);
-        self.scratch.resize_with(bands.len().div_ceil(TASK_BANDS), Scratch::default);
-        let (parts, warps, classes) = (&self.parts, &self.warps, self.classes);
-        let tasks = bands.par_chunks_mut(TASK_BANDS).zip(&mut self.scratch);
-        tasks.enumerate().for_each(|(task, (bands, scratch))| {
-            let Scratch { by_line, by_row, strides, block } = scratch;
-            for (i, band) in bands.iter_mut().enumerate() {
-                let index = task * TASK_BANDS + i;
+        self.scratch.prepare();
+        let (parts, warps, classes, scratch) = (&self.parts, &self.warps, self.classes, &self.scratch);
+        bands.par_iter_mut().enumerate().for_each(|(index, band)| {
+            scratch.with(|Scratch { by_line, by_row, strides, block }| {
                 let warp = &warps[index];
                 let len = warp.len();
                 // With the lines beside the band, which columns reach into as well; they are dropped.
@@ -225,7 +221,7 @@ impl Points {
                 transpose(instructions, by_line, 2 * len, len, by_row);
                 transpose(instructions, &by_line[len..], 2 * len, len, &mut by_row[splat::BAND..]);
                 straighten(instructions, warp, by_row, tape, band.whole(shear.rows));
-            }
+            });
         });
     }
 

@@ -7,6 +7,7 @@ use crate::{
     elevation::{ElevationTable, STRIDE},
     instructions::{Instructions, wide},
     jobs::{Job, Jobs},
+    per_thread::PerThread,
     shear::Shear,
     tape::{BakedTape, unpack},
 };
@@ -16,14 +17,12 @@ use crate::{
 pub const BAND: usize = 16;
 /// Rows read together.
 pub const CHUNK: usize = STRIDE;
-/// Bands per task; fixed, though results do not depend on it.
-const TASK_BANDS: usize = 4;
 
 /// Complex working grid in bands of lines.
 #[derive(Default)]
 pub struct Grid {
     bands: Vec<Band>,
-    scratch: Vec<Scratch>,
+    scratch: PerThread<Scratch>,
 }
 
 /// Some neighbouring lines of the grid.
@@ -36,7 +35,7 @@ pub struct Band {
     rows: Vec<f32>,
 }
 
-/// Scratch of one task.
+/// Scratch of one thread.
 #[derive(Default)]
 struct Scratch {
     /// A band under way: per line all real parts, then all imaginary ones. The first and the last line are those beside the
@@ -58,13 +57,10 @@ impl Grid {
     /// Clears the grid and adds all jobs.
     pub fn fill(&mut self, shear: &Shear, jobs: &Jobs, sources: Sources) {
         self.bands.resize_with(shear.lines.div_ceil(BAND), Band::default);
-        self.scratch.resize_with(self.bands.len().div_ceil(TASK_BANDS), Scratch::default);
-        let tasks = self.bands.par_chunks_mut(TASK_BANDS).zip(&mut self.scratch);
-        tasks.enumerate().for_each(|(task, (bands, scratch))| {
-            for (i, band) in bands.iter_mut().enumerate() {
-                let index = task * TASK_BANDS + i;
-                band.fill(index, jobs, sources, scratch);
-            }
+        self.scratch.prepare();
+        let scratch = &self.scratch;
+        self.bands.par_iter_mut().enumerate().for_each(|(index, band)| {
+            scratch.with(|scratch| band.fill(index, jobs, sources, scratch));
         });
     }
 

@@ -1,0 +1,24 @@
+//! Scratch by thread: what a task writes first still lies in its core's caches from the task before.
+
+use std::sync::{Mutex, PoisonError};
+
+/// A value for each thread of the pool. What is in it when a task gets it depends on the threads, so it must not show in
+/// what the task makes.
+#[derive(Default)]
+pub struct PerThread<T>(Vec<Mutex<T>>);
+
+impl<T: Default> PerThread<T> {
+    /// Sees to it that every thread of the current pool has its own.
+    pub fn prepare(&mut self) {
+        let threads = rayon::current_num_threads();
+        if self.0.len() < threads {
+            self.0.resize_with(threads, Mutex::default);
+        }
+    }
+
+    /// Lends that of the thread at hand, after [`Self::prepare`] in the same pool.
+    pub fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
+        let own = &self.0[rayon::current_thread_index().unwrap_or(0)];
+        work(&mut own.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
