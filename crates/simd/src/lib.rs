@@ -4,6 +4,10 @@
 //! once more for wider vectors, and the CPU decides at run time. Vectors only do several lanes at once: no sum
 //! changes its order and nothing is fused, so every version gives the same bits.
 
+mod transpose;
+
+pub use transpose::transpose;
+
 /// Instructions that this CPU has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Instructions(Set);

@@ -1,8 +1,7 @@
 //! Elevational weights by bin of e′ and row.
 
-use rayon::prelude::*;
-
 use crate::{
+    awake,
     beam::{Beam, unit_energy_peak},
     fast::{exp_minus, nearest},
     instructions::{Instructions, wide},
@@ -134,7 +133,7 @@ impl ElevationTable {
                 [drift_m[0], reach_m[0], drift_m[last], reach_m[last]]
             }));
             let profile = Profile { instructions, decay: &self.decay, peak, drift_m: &self.drift_m, ends };
-            blocks.par_iter_mut().enumerate().for_each(|(index, block)| {
+            awake::for_each(blocks.iter_mut().enumerate(), |(index, block)| {
                 block.clear();
                 for bin in index * BLOCK..((index + 1) * BLOCK).min(bins) {
                     let e_m = (first_bin + bin as i64) as f64 * bin_m;

@@ -1,8 +1,7 @@
 //! Which stretches of tape go into which lines of the grid.
 
-use rayon::prelude::*;
-
 use crate::{
+    awake,
     columns::{Columns, Range},
     elevation::{ElevationTable, STRIDE, Weights},
     fast::nearest,
@@ -69,7 +68,7 @@ impl Jobs {
         let (phase_x, phase_y, wraps) = (&self.phase_x, &self.phase_y, &self.wraps);
         let list = Listing { shear, lattice, elevation, columns, tape, phase_x, phase_y, wraps };
         let (rows, bands) = ((iy_max - iy_min + 1).max(0) as usize, shear.lines.div_ceil(BAND));
-        self.parts.par_iter_mut().enumerate().for_each(|(index, part)| {
+        awake::for_each(self.parts.iter_mut().enumerate(), |(index, part)| {
             part.by_band.iter_mut().for_each(Vec::clear);
             part.by_band.resize_with(bands, Vec::new);
             for row in index * rows / PARTS..(index + 1) * rows / PARTS {

@@ -69,6 +69,7 @@
 //! 20 mm farther down. Only the tip has side lobes. Blind elements dim the lines but do not widen the beam. Tissue is not
 //! drawn for a probe tilted by more than 60° out of the phantom's vertical.
 
+mod awake;
 mod axial;
 mod beam;
 mod block;

@@ -5,21 +5,21 @@
 
 use core::ops::Range;
 
-use rayon::prelude::*;
 use sonoloop_types::{Pose, Vector};
 
 use crate::{
+    awake,
     beam::Beam,
     block::Block,
     columns::{self, Columns},
     elevation::{ElevationTable, STRIDE},
     fast::{exp_minus, floor},
-    instructions::{Instructions, wide},
+    instructions::{Instructions, transpose, wide},
     lattice::Lattice,
     motion::Motion,
     per_thread::PerThread,
     shear::{Shear, Slab},
-    splat::{self, Grid, transpose},
+    splat::{self, Grid},
     strides::{Band, Places, Strides, add_column},
     tape::BakedTape,
     warp::{Press, Warp, straighten},
@@ -167,7 +167,7 @@ impl Points {
         elevation: &ElevationTable,
     ) -> [i32; 2] {
         self.warps.resize_with(shear.lines.div_ceil(splat::BAND), Warp::default);
-        self.warps.par_iter_mut().enumerate().for_each(|(index, warp)| {
+        awake::for_each(self.warps.iter_mut().enumerate(), |(index, warp)| {
             warp.lay(instructions, press, shear, elevation, index * splat::BAND + splat::BAND / 2);
         });
         let classes = self.warps.iter().map(Warp::classes);
@@ -192,7 +192,7 @@ impl Points {
         let bands = grid.bands(shear.lines);
         self.scratch.prepare();
         let (parts, warps, classes, scratch) = (&self.parts, &self.warps, self.classes, &self.scratch);
-        bands.par_iter_mut().enumerate().for_each(|(index, band)| {
+        awake::for_each(bands.iter_mut().enumerate(), |(index, band)| {
             scratch.with(|Scratch { by_line, by_row, strides, block }| {
                 let warp = &warps[index];
                 let len = warp.len();
@@ -218,8 +218,16 @@ impl Points {
                 let by_line = &by_line[2 * len..];
                 // Every value is overwritten.
                 by_row.resize(len * 2 * splat::BAND, 0.0);
-                transpose(instructions, by_line, 2 * len, len, by_row);
-                transpose(instructions, &by_line[len..], 2 * len, len, &mut by_row[splat::BAND..]);
+                let pitch = 2 * splat::BAND;
+                transpose(instructions, [splat::BAND, len], by_line, 2 * len, by_row, pitch);
+                transpose(
+                    instructions,
+                    [splat::BAND, len],
+                    &by_line[len..],
+                    2 * len,
+                    &mut by_row[splat::BAND..],
+                    pitch,
+                );
                 straighten(instructions, warp, by_row, tape, band.whole(shear.rows));
             });
         });
@@ -256,7 +264,7 @@ impl Points {
         let rows = shear.rows_across();
         let (first, count) = (*rows.start(), rows.count());
         self.parts.resize_with(PARTS, Part::default);
-        self.parts.par_iter_mut().enumerate().for_each(|(index, Part { columns, by_band })| {
+        awake::for_each(self.parts.iter_mut().enumerate(), |(index, Part { columns, by_band })| {
             columns.clear();
             by_band.iter_mut().for_each(Vec::clear);
             by_band.resize_with(bands, Vec::new);

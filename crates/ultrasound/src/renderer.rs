@@ -1,11 +1,11 @@
 //! The stages in order.
 
-use rayon::prelude::*;
 use sonoloop_types::{
     Drag, Image, ImageGeometry, Indentation, NeedlePath, NeedleSpec, Pose, ProbeSpec, Slice, Tissue,
 };
 
 use crate::{
+    awake,
     axial::{AxialScratch, BLOCK},
     beam::Beam,
     boundary,
@@ -315,36 +315,37 @@ impl Renderer {
         let filters =
             self.map.map(|(map, rows)| BeamFilters { instructions, beam, paths, lateral, grid, map, rows });
         let this = Finish { instructions, display: &self.display, paths };
-        self.field
-            .par_chunks_mut(TASK_ROWS * 2 * padded)
-            .zip(self.resting.par_chunks_mut(TASK_ROWS * 2 * padded))
-            .zip(pixels.par_chunks_mut(TASK_ROWS * width))
+        let parts = self
+            .field
+            .chunks_mut(TASK_ROWS * 2 * padded)
+            .zip(self.resting.chunks_mut(TASK_ROWS * 2 * padded))
+            .zip(pixels.chunks_mut(TASK_ROWS * width))
             .zip(&mut self.scratch)
-            .enumerate()
-            .for_each(|(task, (((field, resting), pixels), scratch))| {
-                let first_row = task * TASK_ROWS;
-                let mut filter = |field: &mut [f32]| match &filters {
-                    Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
-                    None => field.fill(0.0),
-                };
-                match redo {
-                    Redo::Nothing => {}
-                    Redo::All => filter(field),
-                    Redo::Echoes { rest } => {
-                        if rest {
-                            filter(resting);
-                        }
-                        field.copy_from_slice(resting);
+            .enumerate();
+        awake::for_each(parts, |(task, (((field, resting), pixels), scratch))| {
+            let first_row = task * TASK_ROWS;
+            let mut filter = |field: &mut [f32]| match &filters {
+                Some(filters) => scratch.display_rows(filters, padded, spacing_m, first_row, field),
+                None => field.fill(0.0),
+            };
+            match redo {
+                Redo::Nothing => {}
+                Redo::All => filter(field),
+                Redo::Echoes { rest } => {
+                    if rest {
+                        filter(resting);
                     }
+                    field.copy_from_slice(resting);
                 }
-                if !matches!(redo, Redo::Nothing) {
-                    stamp::apply(instructions, stamps, padded, first_row, field);
-                }
-                let rows = field.chunks_exact(2 * padded).zip(pixels.chunks_exact_mut(width));
-                for (i, (field, pixels)) in rows.enumerate() {
-                    finish(&this, first_row + i, field, pixels);
-                }
-            });
+            }
+            if !matches!(redo, Redo::Nothing) {
+                stamp::apply(instructions, stamps, padded, first_row, field);
+            }
+            let rows = field.chunks_exact(2 * padded).zip(pixels.chunks_exact_mut(width));
+            for (i, (field, pixels)) in rows.enumerate() {
+                finish(&this, first_row + i, field, pixels);
+            }
+        });
     }
 
     /// Fills the working grid, the stamps and the losses; `None` when the pose shows no tissue.
@@ -399,7 +400,7 @@ impl Renderer {
         }
         let (tape, elevation, tissue, pose) = (&*tape, &*elevation, &*tissue, &slice.phantom_from_probe);
         // The grid's tasks are there for whoever is done first.
-        rayon::join(
+        awake::join(
             || {
                 let Some(shear) = shear else { return };
                 if let Some(motion) = motion {

@@ -1,11 +1,10 @@
 //! Adding columns to the working grid.
 
-use rayon::prelude::*;
-
 use crate::{
+    awake,
     columns::{Columns, Layer, Range},
     elevation::{ElevationTable, STRIDE},
-    instructions::{Instructions, wide},
+    instructions::{Instructions, transpose, wide},
     jobs::{Job, Jobs},
     per_thread::PerThread,
     shear::Shear,
@@ -59,7 +58,7 @@ impl Grid {
         self.bands.resize_with(shear.lines.div_ceil(BAND), Band::default);
         self.scratch.prepare();
         let scratch = &self.scratch;
-        self.bands.par_iter_mut().enumerate().for_each(|(index, band)| {
+        awake::for_each(self.bands.iter_mut().enumerate(), |(index, band)| {
             scratch.with(|scratch| band.fill(index, jobs, sources, scratch));
         });
     }
@@ -121,8 +120,15 @@ impl Band {
         // `resize` keeps old values; every one is overwritten.
         self.rows.resize(rows * 2 * BAND, 0.0);
         if rows > 0 {
-            transpose(sources.instructions, by_line, width, rows, &mut self.rows);
-            transpose(sources.instructions, &by_line[rows..], width, rows, &mut self.rows[BAND..]);
+            transpose(sources.instructions, [BAND, rows], by_line, width, &mut self.rows, 2 * BAND);
+            transpose(
+                sources.instructions,
+                [BAND, rows],
+                &by_line[rows..],
+                width,
+                &mut self.rows[BAND..],
+                2 * BAND,
+            );
         }
     }
 }
@@ -291,19 +297,5 @@ fn add(
         left_im[i] += a * im;
         right_re[i] += b * re;
         right_im[i] += b * im;
-    }
-}
-
-wide! {
-    /// Turns lines, `stride` apart, into rows of a band, by quads.
-    pub fn transpose(source: &[f32], stride: usize, rows: usize, out: &mut [f32]) {
-        for line in (0..BAND).step_by(4) {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|i| source[(line + i) * stride..][..rows].as_chunks::<4>().0);
-            for ((((a, b), c), d), out) in a.iter().zip(b).zip(c).zip(d).zip(out.chunks_mut(4 * 2 * BAND)) {
-                for j in 0..4 {
-                    out[j * 2 * BAND + line..][..4].copy_from_slice(&[a[j], b[j], c[j], d[j]]);
-                }
-            }
-        }
     }
 }
