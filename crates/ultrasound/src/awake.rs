@@ -52,3 +52,47 @@ pub fn join(here: impl FnOnce(), anywhere: impl FnOnce() + Send) {
         wait(left);
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    use super::*;
+
+    fn pool(threads: usize) -> rayon::ThreadPool {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
+    }
+
+    /// Counts how often each of some items is worked on, within another piece of work.
+    fn counts() -> Vec<usize> {
+        let counts: Vec<AtomicUsize> = (0..100).map(|_| AtomicUsize::new(0)).collect();
+        let half = |range: core::ops::Range<usize>| {
+            for_each(range, |item| {
+                counts[item].fetch_add(1, Ordering::Relaxed);
+            });
+        };
+        join(|| half(0..50), || half(50..100));
+        counts.into_iter().map(AtomicUsize::into_inner).collect()
+    }
+
+    #[test]
+    fn every_item_has_its_work_done_once_whatever_threads_there_are() {
+        for threads in 1..=3 {
+            let pool = pool(threads);
+            for _ in 0..50 {
+                assert_eq!(pool.install(counts), vec![1; 100], "{threads} threads");
+            }
+        }
+        assert_eq!(counts(), vec![1; 100], "from outside the pool");
+    }
+
+    #[test]
+    fn work_that_panics_is_no_work_to_wait_for() {
+        for threads in 1..=2 {
+            let work = || pool(threads).install(|| for_each(0..20, |item| assert!(item != 7, "the seventh")));
+            assert!(catch_unwind(AssertUnwindSafe(work)).is_err());
+            let work = || pool(threads).install(|| join(|| {}, || panic!("there")));
+            assert!(catch_unwind(AssertUnwindSafe(work)).is_err());
+        }
+    }
+}

@@ -264,7 +264,7 @@ pub(crate) struct RawServo {
     #[garde(range(min = 0.0, max = 100.0))]
     pub candidate_reach_mm: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way
-    /// when a picture is delayed comes on top); 0: they are believed without.
+    /// when a picture is delayed comes on top); 0: they are believed without. A hand is asked for no more, at 1 mm/s.
     #[garde(range(min = 0.0, max = 50.0))]
     pub max_jog_mm: f64,
     /// Speed of the elevational sweep after a loss.
