@@ -10,7 +10,7 @@ use crate::along::{Along, Lead};
 use crate::feed;
 use crate::hold::Hold;
 use crate::predict;
-use crate::search::{self, Candidate, Jog, Offset, Search, Seen};
+use crate::search::{self, Candidate, Jog, Offset, Phase, Search, Seen};
 
 /// A contact force below this share of the one at the start means that the probe is off the surface.
 const CONTACT_SHARE: f64 = 0.2;
@@ -18,7 +18,7 @@ const CONTACT_SHARE: f64 = 0.2;
 const LEAST_CONTACT_N: f64 = 0.2;
 
 /// How far a hand may push on after it was told to stop. [assumed] A quick one, 14 mm/s, and a slow reaction, 0.6 s, make 8.4 mm.
-pub(crate) const HAND_GOES_ON_M: f64 = 10e-3;
+const HAND_GOES_ON_M: f64 = 10e-3;
 
 /// What the servo is doing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -203,6 +203,7 @@ impl Servo {
         let stands = matches!(acquisition.arm_status, ArmStatus::Holding | ArmStatus::Collision);
         let shaft_below = self.least_tip_level(2.0);
         let carried_px = self.carried_px(acquisition);
+        let unmeasured_m = self.unmeasured_m(acquisition);
         let settings = &self.setup.servo;
         let (target, feed_m_s) = match &mut self.state.mode {
             Mode::Arrived => (self.state.held, 0.0),
@@ -232,8 +233,10 @@ impl Servo {
                     let ready = !search.holds_confirmation() && in_contact && !stands;
                     // A search has lost a tip.
                     let expected_px = carried_px.unwrap_or_default();
+                    let arriving = matches!(search.phase, Phase::Crest { arrived_s: None, .. });
+                    let setup = &self.setup;
                     let seen =
-                        Seen { setup: &self.setup, acquisition, time_s, dt_s, expected_px, remaining_m };
+                        Seen { setup, acquisition, time_s, arriving, expected_px, remaining_m, unmeasured_m };
                     let given_up;
                     (feed_m_s, given_up) = search.jog.advance(&seen, candidate_px.filter(|_| ready));
                     if given_up {

@@ -9,7 +9,7 @@ const SIDE: usize = 8;
 /// `out`. Lines and rows come by eights.
 ///
 /// # Panics
-/// When they do not, or when `source` or `out` is too short.
+/// When they do not come by eights, when a row is longer than `pitch`, or when `source` or `out` is too short.
 pub fn transpose(
     instructions: Instructions,
     [lines, rows]: [usize; 2],
@@ -19,6 +19,7 @@ pub fn transpose(
     pitch: usize,
 ) {
     assert!(lines.is_multiple_of(SIDE) && rows.is_multiple_of(SIDE), "{lines} lines of {rows}");
+    assert!(lines <= pitch, "rows of {lines}, {pitch} apart");
     #[cfg(target_arch = "x86_64")]
     #[expect(unsafe_code, reason = "a call of a function for instructions that may be missing")]
     if instructions.has_avx2() {
@@ -26,9 +27,10 @@ pub fn transpose(
         return unsafe { avx2::transpose([lines, rows], source, stride, out, pitch) };
     }
     let _ = instructions;
-    for line in 0..lines {
-        for (row, value) in source[line * stride..][..rows].iter().enumerate() {
-            out[row * pitch + line] = *value;
+    for line in (0..lines).step_by(4) {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|i| &source[(line + i) * stride..][..rows]);
+        for row in 0..rows {
+            out[row * pitch + line..][..4].copy_from_slice(&[a[row], b[row], c[row], d[row]]);
         }
     }
 }

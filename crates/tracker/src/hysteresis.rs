@@ -89,8 +89,8 @@ impl Hysteresis {
 
     /// Whether a place may be the lost tip.
     ///
-    /// It must look like the first template, and like the last one too: that is how the tip looked just before it
-    /// was lost (the paper's own criterion). And it must not be a place that the next images would lose again as it is: T_1
+    /// It must look like the first template, and like the last one too (the paper's own criterion), which after a loss is T_n as it was
+    /// when it might itself have been found. And it must not be a place that the next images would lose again as it is: T_1
     /// stays, so its NCC must pass the test of losses whatever `recovery_ncc` is; T_n is refreshed from the place, so its NCC
     /// may be below that test, except where templates are never updated.
     pub fn accepts(settings: &TrackerSettings, view: &View) -> bool {

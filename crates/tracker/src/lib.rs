@@ -98,8 +98,8 @@
 //! - LOST by NCC with T_n below 0.80, with T_1 below 0.70, or by a brightness test, since NCC ignores contrast: less than
 //!   half of T_1's contrast is left, or less than nine tenths and the patch differs from T_1 by 0.80 of its contrast;
 //! - recovery by a coarse NCC search near the last tip, which widens, and after ten images over the whole image, as far as the
-//!   tip may be there; each candidate is refined, held to both templates at 0.85 and to the contrast of T_1, and three images in
-//!   a row must confirm it.
+//!   tip may be there; each candidate is refined to where its NCC with T_1 has a peak, held to both templates at 0.85 (T_n as it was when
+//!   the tip might last have been found) and to the contrast of T_1, and three images in a row must confirm it.
 //!
 //! [`limits`] says over which backgrounds, and under what else, the tip is held, and where it is lost, `paper` beside it.
 //! [`baseline`] holds the authors' earlier method, which localises the needle in every image by itself: to compare with, and

@@ -246,10 +246,11 @@ pub struct ServoSettings {
     /// A candidate has passed its brightest when it fell by this many grey levels.
     pub crest_levels: f64,
     /// In the picture a lost tip is sought no farther than this from its last place, carried along by the measured motion. In a
-    /// hand, whose way is not measured, from all that lies up to 10 mm ahead of its last place (lateral views).
+    /// hand, whose way is not measured, from all that lies up to 10 mm, and what it was asked for since, ahead of its last place
+    /// (lateral views).
     pub candidate_reach_m: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way
-    /// when a picture is delayed comes on top); 0: they are believed without.
+    /// when a picture is delayed comes on top); 0: they are believed without. A hand is asked for no more, at 1 mm/s.
     pub max_jog_m: f64,
     /// Speed of the elevational sweep after a loss.
     pub sweep_speed_m_s: f64,

@@ -32,6 +32,7 @@
 //! | `shear` | working grid of one pose |
 //! | `elevation` | weights by elevation and row |
 //! | `jobs`, `splat` | which stretch of tape goes where; adding it |
+//! | `awake`, `per_thread` | work for the pool's threads, and their scratch |
 //! | `motion`, `warp` | where pressed tissue is; rows that follow it |
 //! | `points`, `strides`, `block` | which of its columns show, and where; adding them stride by stride |
 //! | `lateral`, `axial` | dual beam filter per row; pulse onto the display rows |

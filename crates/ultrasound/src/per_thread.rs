@@ -1,6 +1,6 @@
 //! Scratch by thread: what a task writes first still lies in its core's caches from the task before.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, TryLockError};
 
 /// A value for each thread of the pool. What is in it when a task gets it depends on the threads, so it must not show in
 /// what the task makes.
@@ -17,8 +17,16 @@ impl<T: Default> PerThread<T> {
     }
 
     /// Lends that of the thread at hand, after [`Self::prepare`] in the same pool.
+    ///
+    /// # Panics
+    /// Outside the pool, and where the work hands work over itself: its thread might come back for another value.
     pub fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
-        let own = &self.0[rayon::current_thread_index().unwrap_or(0)];
-        work(&mut own.lock().unwrap_or_else(PoisonError::into_inner))
+        let index = rayon::current_thread_index().expect("a thread of the pool");
+        match self.0[index].try_lock() {
+            Ok(mut own) => work(&mut own),
+            // Work that panicked; whatever it left is overwritten.
+            Err(TryLockError::Poisoned(own)) => work(&mut own.into_inner()),
+            Err(TryLockError::WouldBlock) => panic!("work on a thread's scratch hands nothing over"),
+        }
     }
 }

@@ -90,7 +90,7 @@ impl Echoes {
         layout: &Layout,
     ) {
         let Self { shaft, needle, surfaces, stamps } = self;
-        rayon::join(|| needle.build(beam, tape, slice), || paths.build(instructions, beam, slice, shaft));
+        awake::join(|| needle.build(beam, tape, slice), || paths.build(instructions, beam, slice, shaft));
         stamp::prepare(instructions, stamps, beam, paths, [&*needle.echoes, surfaces], layout);
     }
 }
@@ -269,7 +269,7 @@ impl Renderer {
     pub fn field(&mut self, slice: &Slice) -> Field {
         let Frame { geometry, first_px, columns, padded, .. } = self.frame;
         let mut image = Image::black(geometry.width_px, geometry.height_px);
-        self.fill_field(slice, &mut image.pixels, |_, _, _, _| {});
+        rayon::scope(|_| self.fill_field(slice, &mut image.pixels, |_, _, _, _| {}));
         let values = self.field.chunks_exact(2 * padded).flat_map(|row| {
             let (re, im) = row.split_at(padded);
             re[..columns].iter().zip(&im[..columns]).map(|(&re, &im)| [re, im])

@@ -260,7 +260,8 @@ pub(crate) struct RawServo {
     #[garde(range(min = 1.0, max = 200.0))]
     pub crest_levels: f64,
     /// In the picture a lost tip is sought no farther than this from its last place, carried along by the measured motion. In a
-    /// hand, whose way is not measured, from all that lies up to 10 mm ahead of its last place (lateral views).
+    /// hand, whose way is not measured, from all that lies up to 10 mm, and what it was asked for since, ahead of its last place
+    /// (lateral views).
     #[garde(range(min = 0.0, max = 100.0))]
     pub candidate_reach_mm: f64,
     /// Lateral: the needle is fed no more after that much of it in one search, to see which candidates go with it (what is on its way

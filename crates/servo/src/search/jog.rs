@@ -1,22 +1,15 @@
 //! A candidate for the lost tip must go with the needle: what only looks like a tip stands still while the needle is fed.
 //!
-//! How far a robot feeds it is measured, and a candidate is held against that. A hand is asked to go on slowly, and nobody measures
-//! what comes of it: there what counts is that the candidate goes on along the needle at all.
+//! How far a robot feeds it is measured, and a candidate is held against that. Of a needle in a hand see [`super::hand`].
 
 use serde::{Deserialize, Serialize};
 use sonoloop_types::{Acquisition, Disc, Point, Pose, Setup, View};
 
-use crate::servo::HAND_GOES_ON_M;
+use super::hand::{self, Hand};
 use crate::{feed, predict};
 
 /// Fastest feed of a test.
 const SPEED_M_S: f64 = 5e-3;
-/// What a hand is asked for in a test.
-const HAND_SPEED_M_S: f64 = 1e-3;
-/// A candidate that went on by so much along the needle goes with the hand …
-const HAND_GOES_M: f64 = 0.35e-3;
-/// … and one that did not while the hand was asked for so much is none: 2 s, of which a slow reaction and a pause leave 0.6. [assumed]
-const HAND_STAYS_M: f64 = 2e-3;
 /// A needle slower than this stands.
 const REST_M_S: f64 = 0.05e-3;
 /// What went along with the needle over this way is the tip …
@@ -39,8 +32,6 @@ const LEAST_ROOM_M: f64 = 0.4e-3;
 const LEAST_SPEED: f64 = 0.2;
 /// … a candidate must be this near to where probe and needle have been measured to bring the tip.
 const NEAR_M: f64 = 0.5e-3;
-/// A hand sways meanwhile, and nobody knows how far it went on: it must be this near to the needle's way.
-const HAND_NEAR_M: f64 = 1e-3;
 
 /// The candidate under test, when the test began.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -53,7 +44,7 @@ struct Start {
 
 /// What one picture says of a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Verdict {
+pub(super) enum Verdict {
     Unknown,
     Goes,
     Stays,
@@ -69,9 +60,7 @@ pub struct Jog {
     /// Way of the needle since the first test, and its depth in the last picture.
     spent_m: f64,
     last_depth_m: Option<f64>,
-    /// What stands for the depth of a needle in a hand: the way that tests have asked of it.
-    asked_m: f64,
-    asked_m_s: f64,
+    hand: Hand,
     /// Places, base frame, of what did not go along.
     refused: Vec<Point>,
 }
@@ -85,12 +74,14 @@ pub struct Seen<'a> {
     pub acquisition: &'a Acquisition,
     /// Time of the picture.
     pub time_s: f64,
-    /// Time since the last one.
-    pub dt_s: f64,
+    /// The plane is on its way to a candidate.
+    pub arriving: bool,
     /// Where the last believed tip is now, by what probe and needle have been measured to do.
     pub expected_px: [f64; 2],
     /// Way to the target from there.
     pub remaining_m: f64,
+    /// How far the tip may have gone on beyond that place unmeasured.
+    pub unmeasured_m: f64,
 }
 
 impl Seen<'_> {
@@ -98,27 +89,28 @@ impl Seen<'_> {
         self.acquisition.depth_m.is_none()
     }
 
-    /// Way to the target, from a candidate in a hand, whose needle has gone on unmeasured.
-    fn from(self, px: [f64; 2]) -> Self {
+    /// The same for a tip that is where the candidate is, of a needle in a hand that was asked to go on by `asked_m` since the loss: it
+    /// went on, never back.
+    fn counted_from(self, px: [f64; 2], asked_m: f64) -> Self {
+        let Seen { setup, acquisition, .. } = self;
         if !self.by_hand() {
             return self;
         }
-        let Seen { setup, acquisition, .. } = self;
         let place = acquisition.base_from_probe * setup.geometry.probe_from_px(px);
-        Self { remaining_m: feed::remaining_m(setup, &place), ..self }
+        Self { remaining_m: feed::remaining_m(setup, &place).min(self.remaining_m - asked_m), ..self }
     }
 
     /// Whether a place is where the tip should be.
     fn is_near(&self, px: [f64; 2]) -> bool {
-        let Seen { setup, acquisition, expected_px, .. } = *self;
+        let Seen { setup, acquisition, expected_px, unmeasured_m, .. } = *self;
         let off = [0, 1].map(|axis| (px[axis] - expected_px[axis]) * setup.geometry.spacing_m);
         if !self.by_hand() {
             return off[0].hypot(off[1]) < NEAR_M;
         }
         let axis = predict::axis_px(&setup.needle_axis_in_base, &acquisition.base_from_probe);
         axis.is_some_and(|[u, v]| {
-            let ahead_m = (off[0] * u + off[1] * v).clamp(0.0, HAND_GOES_ON_M + self.setup.servo.max_jog_m);
-            (off[0] - ahead_m * u).hypot(off[1] - ahead_m * v) < HAND_NEAR_M
+            let ahead_m = (off[0] * u + off[1] * v).clamp(0.0, unmeasured_m);
+            (off[0] - ahead_m * u).hypot(off[1] - ahead_m * v) < hand::NEAR_M
         })
     }
 }
@@ -131,7 +123,7 @@ impl Jog {
 
     /// The way that was asked of a hand.
     pub fn asked_m(&self) -> f64 {
-        self.asked_m
+        self.hand.asked_m()
     }
 
     /// True once the candidate has gone with the needle.
@@ -158,32 +150,38 @@ impl Jog {
     /// feed, and whether the candidate was given up just now.
     pub fn advance(&mut self, seen: &Seen, px: Option<[f64; 2]>) -> (f64, bool) {
         let (feed_m_s, given_up) = self.test(seen, px);
-        self.asked_m_s = feed_m_s;
+        if seen.by_hand() {
+            self.hand.ask(seen.time_s, feed_m_s);
+        }
         (feed_m_s, given_up)
     }
 
     fn test(&mut self, seen: &Seen, px: Option<[f64; 2]>) -> (f64, bool) {
         let Seen { setup, acquisition, time_s, .. } = *seen;
-        if seen.by_hand() {
-            self.asked_m += self.asked_m_s * seen.dt_s;
-        }
-        let depth_m = acquisition.depth_m.unwrap_or(self.asked_m);
+        self.hand.pass(time_s);
+        let depth_m = acquisition.depth_m.unwrap_or(self.hand.asked_m());
         if let Some(last_m) = &mut self.last_depth_m {
             self.spent_m += (depth_m - *last_m).max(0.0);
             *last_m = depth_m;
         }
         let Some(px) = px else {
             self.stop();
+            // A hand takes its time until it obeys. Where the target may be near it waits until a candidate tells how near.
+            let far = seen.remaining_m > seen.unmeasured_m + setup.servo.max_jog_m;
+            if seen.arriving && seen.by_hand() && far {
+                self.last_depth_m.get_or_insert(depth_m);
+                return (self.feed_m_s(seen), false);
+            }
             return (0.0, false);
         };
-        let seen = &seen.from(px);
+        let seen = &seen.counted_from(px, self.hand.asked_m());
         let Some(start) = self.start else {
             if !has_room(seen) {
                 self.goes = seen.is_near(px);
                 return (0.0, false);
             }
             self.goes = false;
-            // A needle that has not come to rest after the loss yet is let do so. What a hand does meanwhile tells as much as a test.
+            // A needle that has not come to rest after the loss yet is let do so; of a hand's see [`hand::JUMP_PX`].
             let rests = acquisition.feed_m_s.is_none_or(|feed_m_s| feed_m_s.abs() < REST_M_S);
             if !rests || self.spent(seen) {
                 return (0.0, false);
@@ -193,7 +191,12 @@ impl Jog {
             return (self.feed_m_s(seen), false);
         };
         let fed_m = depth_m - start.depth_m;
-        match verdict(setup, acquisition, &start, fed_m, px) {
+        let verdict = if seen.by_hand() {
+            self.hand.verdict(setup, acquisition, [start.px, px], &start.base_from_probe, fed_m)
+        } else {
+            verdict(setup, acquisition, &start, fed_m, px)
+        };
+        match verdict {
             Verdict::Jumped => {
                 self.stop();
                 return (0.0, false);
@@ -210,7 +213,7 @@ impl Jog {
                 self.goes = fed_m < BLOCKED_M && !self.spent(seen) && !seen.by_hand();
                 if !self.goes {
                     // There was no room, or no time, for a whole test.
-                    if fed_m >= GOES_M {
+                    if fed_m >= GOES_M && !seen.by_hand() {
                         self.remember(setup, &start);
                     }
                     self.stop();
@@ -232,6 +235,7 @@ impl Jog {
     fn stop(&mut self) {
         self.start = None;
         self.goes = false;
+        self.hand.forget();
     }
 
     /// Whether all that tests may feed is spent, or on its way.
@@ -250,7 +254,7 @@ impl Jog {
 }
 
 fn test_speed_m_s(seen: &Seen) -> f64 {
-    let most_m_s = if seen.by_hand() { HAND_SPEED_M_S } else { SPEED_M_S };
+    let most_m_s = if seen.by_hand() { hand::SPEED_M_S } else { SPEED_M_S };
     most_m_s.min(seen.setup.servo.feed_m_s).min(seen.setup.limits.max_feed_m_s)
 }
 
@@ -264,7 +268,7 @@ fn has_room(seen: &Seen) -> bool {
 /// The longest that a test may take.
 fn patience_s(seen: &Seen) -> f64 {
     let speed_m_s = test_speed_m_s(seen);
-    let way_m = if seen.by_hand() { HAND_STAYS_M } else { STAYS_M };
+    let way_m = if seen.by_hand() { hand::STAYS_M } else { STAYS_M };
     PATIENCE * (way_m / speed_m_s + feed::age_s(seen.setup, seen.acquisition)) + PATIENCE_S
 }
 
@@ -284,42 +288,11 @@ fn verdict(setup: &Setup, acquisition: &Acquisition, start: &Start, fed_m: f64, 
     let (Some(with), Some(without)) = (motion_px(fed_m), motion_px(0.0)) else { return Verdict::Unknown };
     let off_px = |motion: [f64; 2]| (px[0] - start.px[0] - motion[0]).hypot(px[1] - start.px[1] - motion[1]);
     let way_px = (with[0] - without[0]).hypot(with[1] - without[1]);
-    if acquisition.depth_m.is_none() {
-        return verdict_by_hand(setup, start, fed_m, [with, without], px);
-    }
     if off_px(with).min(off_px(without)) > JUMP_PX {
         Verdict::Jumped
     } else if fed_m >= GOES_M && off_px(with) <= MISS * way_px {
         Verdict::Goes
     } else if fed_m >= STAYS_M {
-        Verdict::Stays
-    } else {
-        Verdict::Unknown
-    }
-}
-
-/// The same with the needle in a hand, which was asked for `asked_m` and may have gone farther, less far, or not yet.
-fn verdict_by_hand(
-    setup: &Setup,
-    start: &Start,
-    asked_m: f64,
-    [with, without]: [[f64; 2]; 2],
-    px: [f64; 2],
-) -> Verdict {
-    let way = [with[0] - without[0], with[1] - without[1]];
-    let way_px = way[0].hypot(way[1]);
-    if way_px == 0.0 {
-        return Verdict::Unknown;
-    }
-    let off = [0, 1].map(|axis| px[axis] - start.px[axis] - without[axis]);
-    let along_px = (off[0] * way[0] + off[1] * way[1]) / way_px;
-    let across_px = (off[0] * way[1] - off[1] * way[0]) / way_px;
-    let along_m = along_px * setup.geometry.spacing_m;
-    if across_px.abs() > JUMP_PX || along_px < -JUMP_PX || along_m > HAND_GOES_ON_M {
-        Verdict::Jumped
-    } else if along_m >= HAND_GOES_M {
-        Verdict::Goes
-    } else if asked_m >= HAND_STAYS_M {
         Verdict::Stays
     } else {
         Verdict::Unknown
@@ -381,7 +354,8 @@ mod tests {
                 setup,
                 acquisition: &shown,
                 time_s: PERIOD_S * k as f64,
-                dt_s: PERIOD_S,
+                arriving: false,
+                unmeasured_m: 0.0,
                 expected_px,
                 remaining_m: remaining_m - way_m,
             };
@@ -417,109 +391,6 @@ mod tests {
                 let aside = Acquisition { base_from_probe: aside, ..acquisition(9) };
                 assert!(!refuses(&aside, [302.0, 152.0]), "another plane");
             }
-        }
-    }
-
-    /// The same with the needle in a hand that obeys `late` images after it was asked, at `share` of the speed, and sways across its
-    /// way by `sways_px`. Returns the way that was asked for instead of the one that came of it.
-    fn test_by_hand(
-        jog: &mut Jog,
-        carries: f64,
-        late: usize,
-        share: f64,
-        sways_px: f64,
-        px: [f64; 2],
-    ) -> (f64, Option<bool>) {
-        let setup = setup(View::Lateral);
-        let mut asked = vec![0.0; late];
-        let mut way_m = 0.0;
-        for k in 0..100 {
-            let shown = Acquisition { depth_m: None, feed_m_s: None, ..acquisition(k) };
-            let along_px = carries * way_m / setup.geometry.spacing_m;
-            let across_px = sways_px * libm::sin(0.1 * k as f64);
-            let px = [px[0] + 0.6 * along_px - 0.8 * across_px, px[1] + 0.8 * along_px + 0.6 * across_px];
-            let seen = Seen {
-                setup: &setup,
-                acquisition: &shown,
-                time_s: PERIOD_S * k as f64,
-                dt_s: PERIOD_S,
-                expected_px: CASE.expected_px,
-                remaining_m: 20e-3,
-            };
-            let (feed_m_s, given_up) = jog.advance(&seen, Some(px));
-            if given_up || jog.goes() {
-                let found = jog.goes();
-                jog.stop();
-                return (jog.asked_m(), Some(found));
-            }
-            asked.push(feed_m_s);
-            way_m += PERIOD_S * share * asked[asked.len() - 1 - late];
-        }
-        (jog.asked_m(), None)
-    }
-
-    /// Seen in the paper's lateral 16: an operator's needle stood 12 mm behind a fibre that was taken for it, and was pushed on to the hub.
-    #[test]
-    fn what_does_not_go_on_while_a_hand_is_asked_to_is_no_tip() {
-        // A quick hand, and a slow one that pauses besides.
-        for (late, share) in [(8, 1.4), (35, 0.6)] {
-            for (carries, goes) in [(1.0, true), (0.0, false), (-0.2, false)] {
-                for sways_px in [0.0, 5.0] {
-                    let mut jog = Jog::default();
-                    let (asked_m, found) = test_by_hand(&mut jog, carries, late, share, sways_px, CASE.px);
-                    assert_eq!(found, Some(goes), "{late}, {carries}, {sways_px}");
-                    assert!(asked_m <= HAND_STAYS_M + 1e-9, "{asked_m}");
-                    assert_eq!(jog.refused.len(), usize::from(!goes));
-                }
-            }
-        }
-        // A hand that did nothing cannot be told from a candidate that stands still, and is not believed.
-        assert_eq!(test_by_hand(&mut Jog::default(), 1.0, 8, 0.0, 0.0, CASE.px).1, Some(false));
-    }
-
-    #[test]
-    fn a_hand_is_asked_for_no_more_than_a_search_may_feed() {
-        let mut jog = Jog::default();
-        let last = (0..6)
-            .map(|i| test_by_hand(&mut jog, 0.0, 8, 1.0, 0.0, [100.0 + 40.0 * f64::from(i), 100.0]))
-            .last();
-        let most_m = setup(View::Lateral).servo.max_jog_m;
-        assert!(
-            last.is_some_and(
-                |(asked_m, found)| found.is_none() && asked_m <= most_m + PERIOD_S * HAND_SPEED_M_S
-            )
-        );
-    }
-
-    #[test]
-    fn before_the_target_a_hands_candidate_must_lie_on_the_needles_way() {
-        let mut setup = setup(View::Lateral);
-        let shown = Acquisition { depth_m: None, feed_m_s: None, ..acquisition(0) };
-        let px_at = |along_px: f64, across_px: f64| {
-            let [u, v] = CASE.expected_px;
-            [u + 0.6 * along_px - 0.8 * across_px, v + 0.8 * along_px + 0.6 * across_px]
-        };
-        for (along_px, across_px, near) in [
-            (0.0, 0.0, true),
-            (80.0, 5.0, true),
-            (80.0, 15.0, false),
-            (-15.0, 0.0, false),
-            (180.0, 0.0, false),
-        ] {
-            let px = px_at(along_px, across_px);
-            // The candidate stands at the target.
-            setup.target_in_base = shown.base_from_probe * setup.geometry.probe_from_px(px);
-            let seen = Seen {
-                setup: &setup,
-                acquisition: &shown,
-                time_s: 0.0,
-                dt_s: PERIOD_S,
-                expected_px: CASE.expected_px,
-                remaining_m: 20e-3,
-            };
-            let mut jog = Jog::default();
-            assert_eq!(jog.advance(&seen, Some(px)), (0.0, false));
-            assert_eq!(jog.goes(), near, "{along_px}, {across_px}");
         }
     }
 
@@ -604,7 +475,8 @@ mod tests {
                 setup: &setup,
                 acquisition: &shown,
                 time_s: PERIOD_S * k as f64,
-                dt_s: PERIOD_S,
+                arriving: false,
+                unmeasured_m: 0.0,
                 expected_px: px,
                 remaining_m: 20e-3,
             };

@@ -6,6 +6,7 @@
 //! force and time are bounded; not found is an honest end.
 
 mod crest;
+mod hand;
 mod jog;
 mod pattern;
 

@@ -154,15 +154,15 @@ fn a_restored_servo_answers_like_the_one_it_was_taken_from() {
 
 /// Looks for a lost tip with a candidate in sight within half a millimetre of a plane 1 mm aside; the arm and the needle obey, and
 /// `carries` is the share of the needle's way that the candidate goes along. Whether it may be confirmed, and the needle's way.
-fn search_past_a_candidate(carries: f64) -> (bool, f64) {
+fn search_past_a_candidate(by_hand: bool, carries: f64) -> (bool, f64) {
     let mut servo = Servo::new(setup(View::Lateral));
     servo.answer(&acquisition(0), &estimate(TrackState::Tracking));
     let (mut at, mut fed_m, mut feed_m_s) = (Pose::identity(), 0.0, 0.0);
     for k in 1..1000 {
         let seen = Acquisition {
             base_from_probe: at,
-            depth_m: Some(0.02 + fed_m),
-            feed_m_s: Some(feed_m_s),
+            depth_m: Some(0.02 + fed_m).filter(|_| !by_hand),
+            feed_m_s: Some(feed_m_s).filter(|_| !by_hand),
             ..acquisition(k)
         };
         let aside_m = at.translation.y - 1e-3;
@@ -182,7 +182,10 @@ fn search_past_a_candidate(carries: f64) -> (bool, f64) {
             ..estimate(if visible { TrackState::Recovering } else { TrackState::Lost })
         };
         let command = servo.answer(&seen, &said);
-        assert!(command.feed_m_s == 0.0 || visible, "the needle is fed without a candidate");
+        assert!(command.feed_m_s == 0.0 || visible || by_hand, "the needle is fed without a candidate");
+        let pushed_m = if by_hand { HAND_GOES_ON_M + fed_m } else { 0.0 };
+        let unmeasured_px = servo.guidance(&seen).unmeasured_px;
+        assert!((unmeasured_px * servo.setup.geometry.spacing_m - pushed_m).abs() < 1e-9, "{unmeasured_px}");
         feed_m_s = command.feed_m_s;
         fed_m += 0.04 * feed_m_s;
         at = command.target_base_from_probe.unwrap();
@@ -192,10 +195,14 @@ fn search_past_a_candidate(carries: f64) -> (bool, f64) {
 
 #[test]
 fn a_candidate_is_confirmed_only_once_it_went_with_the_needle() {
-    let (confirmed, fed_m) = search_past_a_candidate(1.0);
+    let (confirmed, fed_m) = search_past_a_candidate(false, 1.0);
     assert!(confirmed && (0.3e-3..0.7e-3).contains(&fed_m), "{fed_m}");
-    let (confirmed, fed_m) = search_past_a_candidate(0.0);
+    let (confirmed, fed_m) = search_past_a_candidate(false, 0.0);
     assert!(!confirmed && (0.5e-3..1.2e-3).contains(&fed_m), "tested once: {fed_m}");
+    let (confirmed, fed_m) = search_past_a_candidate(true, 1.0);
+    assert!(confirmed && (0.3e-3..0.9e-3).contains(&fed_m), "by hand: {fed_m}");
+    let (confirmed, fed_m) = search_past_a_candidate(true, 0.0);
+    assert!(!confirmed && (2.0e-3..4.1e-3).contains(&fed_m), "by hand: {fed_m}");
 }
 
 #[test]

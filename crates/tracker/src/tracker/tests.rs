@@ -138,10 +138,14 @@ fn a_lost_tip_is_compared_with_how_it_looked_when_it_might_have_been_found() {
         let estimate = tracker.track(&image(f64::from(k) / 40.0), &Context::default());
         assert_eq!(estimate.state, TrackState::Tracking, "{k} {estimate:?}");
     }
-    let last = tracker.last_estimate();
+    let (last, checkpoint) = (tracker.last_estimate(), tracker.checkpoint());
     assert!(last.ncc_anchor.is_some_and(|ncc| ncc < settings.recovery_ncc), "{last:?}");
     let nothing = Image::from_pixels(140, 140, vec![60; 140 * 140]).expect("as many pixels as the size says");
     assert_eq!(tracker.track(&nothing, &Context::default()).state, TrackState::Lost);
     let estimate = tracker.track(&image(0.0), &Context::default());
+    assert_eq!(estimate.state, TrackState::Recovering, "{estimate:?}");
+    // So is one whose tracker was started again.
+    let mut again = Tracker::restore(settings, &checkpoint).expect("its own checkpoint");
+    let estimate = again.track(&image(0.0), &Context::default());
     assert_eq!(estimate.state, TrackState::Recovering, "{estimate:?}");
 }
