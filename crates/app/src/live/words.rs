@@ -26,11 +26,15 @@ impl Teller {
         let needle = match row.acquisition.feed_m_s {
             Some(feed_m_s) if feed_m_s > 5e-5 => format!("needle at {:.1} mm/s", feed_m_s * 1e3),
             Some(_) => "needle stopped".to_owned(),
-            None if row.command.is_some_and(|command| command.feed_m_s > 0.0) => match row.state() {
-                TrackState::Tracking => "hand may go on".to_owned(),
-                _ => "hand asked to go on slowly".to_owned(),
+            None => match row
+                .command
+                .filter(|command| command.feed_m_s > 0.0)
+                .map(|command| command.estimate.state)
+            {
+                Some(TrackState::Tracking) => "hand may go on".to_owned(),
+                Some(_) => "hand asked to go on slowly".to_owned(),
+                None => "hand asked to stop".to_owned(),
             },
-            None => "hand asked to stop".to_owned(),
         };
         let Some(estimate) = row.command.map(|command| command.estimate) else {
             return format!("no answer from the tracker; {needle}");
