@@ -179,7 +179,7 @@ mod tests {
     fn what_does_not_go_on_while_a_hand_is_asked_to_is_no_tip() {
         // A quick hand, and a slow one that pauses besides.
         for (late, share) in [(8, 1.4), (35, 0.6)] {
-            for delay in [0, 5] {
+            for delay in [0, 5, 15] {
                 for (carries, goes) in [(1.0, true), (0.0, false), (-0.2, false)] {
                     for sways_px in [0.0, 5.0] {
                         let mut jog = Jog::default();
@@ -187,7 +187,7 @@ mod tests {
                         let (found, way_m) = test(&mut jog, case);
                         assert_eq!(found, Some(goes), "{late}, {delay}, {carries}, {sways_px}");
                         assert_eq!(refuses(&jog), !goes);
-                        assert!(way_m < 4e-3, "{way_m}");
+                        assert!(way_m <= share.max(1.0) * setup(View::Lateral).servo.max_jog_m, "{way_m}");
                     }
                 }
             }
