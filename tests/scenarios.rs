@@ -86,7 +86,7 @@ fn run_file_with(file: &str, seed: u64, set: &[&str]) -> Finished {
 }
 
 /// Without the operator's click the tip is the end of the needle that is found, which is now and then a millimetre beyond it:
-/// of seeds 0 to 39, some of them over agar, 23 pass (29 with the speckle of the build before). So a set of a few seeds tells little: of
+/// of seeds 0 to 39, some of them over agar, 23 passed when pictures changed last (29 with the speckle before). So a set of a few seeds tells little: of
 /// five three had to pass, and with this speckle two did.
 #[test]
 fn a_tracker_that_finds_the_first_tip_itself_reaches_the_target() {

@@ -1,8 +1,8 @@
 //! Wider instructions where the CPU has them.
 //!
 //! The shipped program runs on any x86-64, and on other machines; the loops that take most of the time are compiled
-//! once more for wider vectors, and the CPU decides at run time; [`transpose`] alone is written for them by hand. Vectors only do several lanes at once: no sum
-//! changes its order and nothing is fused, so every version gives the same bits.
+//! once more for wider vectors, and the CPU decides at run time; [`transpose`] alone is written for them by hand. Vectors only do
+//! several lanes at once: no sum changes its order and nothing is fused, so every version gives the same bits.
 
 mod transpose;
 

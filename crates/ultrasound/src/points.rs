@@ -14,7 +14,7 @@ use crate::{
     columns::{self, Columns},
     elevation::{ElevationTable, STRIDE},
     fast::{exp_minus, floor},
-    instructions::{Instructions, transpose, wide},
+    instructions::{Instructions, wide},
     lattice::Lattice,
     motion::Motion,
     per_thread::PerThread,
@@ -218,16 +218,7 @@ impl Points {
                 let by_line = &by_line[2 * len..];
                 // Every value is overwritten.
                 by_row.resize(len * 2 * splat::BAND, 0.0);
-                let pitch = 2 * splat::BAND;
-                transpose(instructions, [splat::BAND, len], by_line, 2 * len, by_row, pitch);
-                transpose(
-                    instructions,
-                    [splat::BAND, len],
-                    &by_line[len..],
-                    2 * len,
-                    &mut by_row[splat::BAND..],
-                    pitch,
-                );
+                splat::to_rows(instructions, by_line, len, by_row);
                 straighten(instructions, warp, by_row, tape, band.whole(shear.rows));
             });
         });

@@ -120,16 +120,16 @@ impl Band {
         // `resize` keeps old values; every one is overwritten.
         self.rows.resize(rows * 2 * BAND, 0.0);
         if rows > 0 {
-            transpose(sources.instructions, [BAND, rows], by_line, width, &mut self.rows, 2 * BAND);
-            transpose(
-                sources.instructions,
-                [BAND, rows],
-                &by_line[rows..],
-                width,
-                &mut self.rows[BAND..],
-                2 * BAND,
-            );
+            to_rows(sources.instructions, by_line, rows, &mut self.rows);
         }
+    }
+}
+
+/// Turns a band's lines, of each the real parts of so many rows and then the imaginary ones, into rows: per row `BAND` real parts,
+/// then as many imaginary ones.
+pub fn to_rows(instructions: Instructions, by_line: &[f32], rows: usize, out: &mut [f32]) {
+    for (lines, first) in [(by_line, 0), (&by_line[rows..], BAND)] {
+        transpose(instructions, [BAND, rows], lines, 2 * rows, &mut out[first..], 2 * BAND);
     }
 }
 

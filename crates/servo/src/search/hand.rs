@@ -5,9 +5,9 @@
 //! it lies on the way that the needle may have gone on.
 
 use serde::{Deserialize, Serialize};
-use sonoloop_types::{Acquisition, Pose, Setup, View};
+use sonoloop_types::Pose;
 
-use super::jog::Verdict;
+use super::jog::{Seen, Verdict};
 use crate::{feed, predict};
 
 /// What is asked of it. [assumed]
@@ -63,22 +63,24 @@ impl Hand {
     /// one now, `asked_m` later.
     pub fn verdict(
         &mut self,
-        setup: &Setup,
-        acquisition: &Acquisition,
+        seen: &Seen,
         [start_px, px]: [[f64; 2]; 2],
         base_from_probe: &Pose,
         asked_m: f64,
     ) -> Verdict {
-        let (axis, now) = (&setup.needle_axis_in_base, &acquisition.base_from_probe);
+        let Seen { setup, acquisition, .. } = *seen;
+        let now = &acquisition.base_from_probe;
         // What moved beside the probe.
         let moved_px = |from_px: [f64; 2], before: &Pose| {
-            predict::motion_px(View::Lateral, &setup.geometry, axis, from_px, before, now, 0.0)
-                .map(|still| [0, 1].map(|axis| px[axis] - from_px[axis] - still[axis]))
+            let still = seen.motion_px(from_px, before, 0.0)?;
+            Some([0, 1].map(|axis| px[axis] - from_px[axis] - still[axis]))
         };
         let (last_px, last_pose) = self.last.replace((px, *now)).unwrap_or((start_px, *base_from_probe));
-        let (Some([u, v]), Some(step), Some(way)) =
-            (predict::axis_px(axis, now), moved_px(last_px, &last_pose), moved_px(start_px, base_from_probe))
-        else {
+        let (Some([u, v]), Some(step), Some(way)) = (
+            predict::axis_px(&setup.needle_axis_in_base, now),
+            moved_px(last_px, &last_pose),
+            moved_px(start_px, base_from_probe),
+        ) else {
             return Verdict::Unknown;
         };
         if step[0].hypot(step[1]) > JUMP_PX {
@@ -100,8 +102,10 @@ impl Hand {
 
 #[cfg(test)]
 mod tests {
+    use sonoloop_types::{Acquisition, Setup, View};
+
     use super::*;
-    use crate::search::jog::{Jog, Seen};
+    use crate::search::jog::Jog;
     use crate::servo::tests::{acquisition, setup};
 
     const PERIOD_S: f64 = 0.04;
@@ -137,6 +141,24 @@ mod tests {
         setup
     }
 
+    /// Picture `k` of a needle in a hand.
+    fn shown(k: u64) -> Acquisition {
+        Acquisition { depth_m: None, feed_m_s: None, ..acquisition(k) }
+    }
+
+    fn seen<'a>(setup: &'a Setup, acquisition: &'a Acquisition, remaining_m: f64) -> Seen<'a> {
+        let time_s = PERIOD_S * acquisition.sequence as f64;
+        Seen {
+            setup,
+            acquisition,
+            time_s,
+            arriving: false,
+            expected_px: TIP_PX,
+            remaining_m,
+            unmeasured_m: 10e-3,
+        }
+    }
+
     /// Tests a candidate until there is a verdict: whether it went along (`None` without one), and the needle's way until the hand has
     /// come to rest.
     fn test(jog: &mut Jog, case: Case) -> (Option<bool>, f64) {
@@ -146,19 +168,11 @@ mod tests {
         let mut ways_m = vec![0.0];
         let mut found = None;
         for k in 0..140 {
-            let shown = Acquisition { depth_m: None, feed_m_s: None, ..acquisition(k) };
+            let shown = shown(k);
             let shown = Acquisition { publication_tick: shown.acquisition_tick + 40 * delay as u64, ..shown };
             let way_m: f64 = ways_m[ways_m.len().saturating_sub(1 + delay)];
             let across_px = sways_px * libm::sin(0.1 * k as f64);
-            let seen = Seen {
-                setup: &setup,
-                acquisition: &shown,
-                time_s: PERIOD_S * k as f64,
-                arriving: false,
-                expected_px: TIP_PX,
-                remaining_m,
-                unmeasured_m: 10e-3,
-            };
+            let seen = seen(&setup, &shown, remaining_m);
             let at_px = beside(px, carries * way_m / setup.geometry.spacing_m, across_px);
             let (feed_m_s, given_up) = jog.advance(&seen, Some(at_px).filter(|_| found.is_none()));
             if found.is_none() && (given_up || jog.goes()) {
@@ -201,16 +215,8 @@ mod tests {
         let setup = setup_with(TIP_PX, 20e-3);
         let mut jog = Jog::default();
         for k in 0..40 {
-            let shown = Acquisition { depth_m: None, feed_m_s: None, ..acquisition(k) };
-            let seen = Seen {
-                setup: &setup,
-                acquisition: &shown,
-                time_s: PERIOD_S * k as f64,
-                arriving: false,
-                expected_px: TIP_PX,
-                remaining_m: 20e-3,
-                unmeasured_m: 10e-3,
-            };
+            let shown = shown(k);
+            let seen = seen(&setup, &shown, 20e-3);
             // Each stands still, 0.6 mm ahead of the one before.
             let (_, given_up) = jog.advance(&seen, Some(beside(TIP_PX, 6.0 * (k / 10) as f64, 0.0)));
             assert!(!jog.goes() && !given_up, "{k}");
@@ -237,16 +243,8 @@ mod tests {
         for (remaining_m, asks) in [(20e-3, true), (13e-3, false)] {
             for arriving in [true, false] {
                 let setup = setup_with(TIP_PX, remaining_m);
-                let shown = Acquisition { depth_m: None, feed_m_s: None, ..acquisition(0) };
-                let seen = Seen {
-                    setup: &setup,
-                    acquisition: &shown,
-                    time_s: 0.0,
-                    arriving,
-                    expected_px: TIP_PX,
-                    remaining_m,
-                    unmeasured_m: 10e-3,
-                };
+                let shown = shown(0);
+                let seen = Seen { arriving, ..seen(&setup, &shown, remaining_m) };
                 let (feed_m_s, _) = Jog::default().advance(&seen, None);
                 assert_eq!(feed_m_s > 0.0, asks && arriving, "{remaining_m}, {arriving}");
             }
@@ -265,16 +263,8 @@ mod tests {
             let px = beside(TIP_PX, along_px, across_px);
             // The candidate stands at the target.
             let setup = setup_with(px, 0.0);
-            let shown = Acquisition { depth_m: None, feed_m_s: None, ..acquisition(0) };
-            let seen = Seen {
-                setup: &setup,
-                acquisition: &shown,
-                time_s: 0.0,
-                arriving: false,
-                expected_px: TIP_PX,
-                remaining_m: 20e-3,
-                unmeasured_m: 10e-3,
-            };
+            let shown = shown(0);
+            let seen = seen(&setup, &shown, 20e-3);
             let mut jog = Jog::default();
             assert_eq!(jog.advance(&seen, Some(px)), (0.0, false));
             assert_eq!(jog.goes(), near, "{along_px}, {across_px}");

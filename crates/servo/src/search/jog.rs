@@ -85,6 +85,13 @@ pub struct Seen<'a> {
 }
 
 impl Seen<'_> {
+    /// Motion in the picture of what was at a place when the probe was at `before`, and went `fed_m` along the needle since.
+    pub(super) fn motion_px(&self, from_px: [f64; 2], before: &Pose, fed_m: f64) -> Option<[f64; 2]> {
+        let Seen { setup, acquisition, .. } = *self;
+        let (axis, now) = (&setup.needle_axis_in_base, &acquisition.base_from_probe);
+        predict::motion_px(View::Lateral, &setup.geometry, axis, from_px, before, now, fed_m)
+    }
+
     fn by_hand(&self) -> bool {
         self.acquisition.depth_m.is_none()
     }
@@ -192,9 +199,9 @@ impl Jog {
         };
         let fed_m = depth_m - start.depth_m;
         let verdict = if seen.by_hand() {
-            self.hand.verdict(setup, acquisition, [start.px, px], &start.base_from_probe, fed_m)
+            self.hand.verdict(seen, [start.px, px], &start.base_from_probe, fed_m)
         } else {
-            verdict(setup, acquisition, &start, fed_m, px)
+            verdict(seen, &start, fed_m, px)
         };
         match verdict {
             Verdict::Jumped => {
@@ -273,18 +280,8 @@ fn patience_s(seen: &Seen) -> f64 {
 }
 
 /// Compares how a candidate moved with what the needle's way and the probe's would have made of it.
-fn verdict(setup: &Setup, acquisition: &Acquisition, start: &Start, fed_m: f64, px: [f64; 2]) -> Verdict {
-    let motion_px = |fed_m: f64| {
-        predict::motion_px(
-            View::Lateral,
-            &setup.geometry,
-            &setup.needle_axis_in_base,
-            start.px,
-            &start.base_from_probe,
-            &acquisition.base_from_probe,
-            fed_m,
-        )
-    };
+fn verdict(seen: &Seen, start: &Start, fed_m: f64, px: [f64; 2]) -> Verdict {
+    let motion_px = |fed_m: f64| seen.motion_px(start.px, &start.base_from_probe, fed_m);
     let (Some(with), Some(without)) = (motion_px(fed_m), motion_px(0.0)) else { return Verdict::Unknown };
     let off_px = |motion: [f64; 2]| (px[0] - start.px[0] - motion[0]).hypot(px[1] - start.px[1] - motion[1]);
     let way_px = (with[0] - without[0]).hypot(with[1] - without[1]);
